@@ -1,0 +1,103 @@
+"""What every stage leaves beside its products: resolved parameters, metrics, time and memory."""
+
+from __future__ import annotations
+
+import json
+import resource
+import time
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from ruamel.yaml import YAML
+
+from workbench.errors import SiteError
+from workbench.params import Section
+
+
+@dataclass
+class Stage:
+    """A stage at work: where it writes, and what it will report."""
+
+    folder: Path
+    """``data/products/<site>/<stage>``."""
+    metrics: dict[str, Any] = field(default_factory=dict)
+    """Written as ``metrics.json`` at the end; numbers, texts and lists of them only."""
+
+    def path(self, name: str) -> Path:
+        """Path of a product of this stage."""
+        return self.folder / name
+
+
+@contextmanager
+def open_stage(folder: Path, parameters: Mapping[str, Section]) -> Iterator[Stage]:
+    """Prepare the folder of a stage, and describe the run once it has succeeded.
+
+    Writes ``parameters.yaml`` (the sections that the stage reads), ``metrics.json`` (facts that
+    depend on data and parameters alone) and ``run.json`` (seconds and peak memory of this run).
+    ``metrics.json`` is taken away at the start, so that its presence means a completed stage.
+
+    Raises
+    ------
+    SiteError
+        If the folder cannot be written.
+    """
+    started, cpu = time.perf_counter(), time.process_time()
+    stage = Stage(folder)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        stage.path("metrics.json").unlink(missing_ok=True)
+        sections = {name: section.model_dump(mode="json") for name, section in parameters.items()}
+        part = stage.path(".parameters.yaml.part")
+        with part.open("w", encoding="utf-8") as file:
+            YAML().dump(sections, file)
+        part.replace(stage.path("parameters.yaml"))
+    except OSError as error:
+        raise SiteError(f"{folder}: cannot be written ({error}). Free space or choose --root.") from error
+    yield stage
+    run = {
+        "seconds": round(time.perf_counter() - started, 2),
+        "cpu_seconds": round(time.process_time() - cpu, 2),
+        "peak_memory_mb": round(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024, 1),
+    }
+    write_json(run, stage.path("run.json"))
+    write_json(stage.metrics, stage.path("metrics.json"))
+
+
+def write_json(values: Mapping[str, Any], path: Path) -> None:
+    """Write a mapping as JSON under a temporary name, then rename it; NaN becomes null."""
+    part = path.with_name(f".{path.name}.part")
+    part.write_text(json.dumps(_plain(values), indent=2, allow_nan=False) + "\n", encoding="utf-8")
+    part.replace(path)
+
+
+def read_json(path: Path) -> dict[str, Any]:
+    """Read a JSON file that a stage wrote.
+
+    Raises
+    ------
+    SiteError
+        If it is missing: the stage has not been run, or was interrupted.
+    """
+    try:
+        return json.loads(path.read_text(encoding="utf-8"))
+    except FileNotFoundError as error:
+        raise SiteError(
+            f"{path}: missing. Run `workbench {path.parent.name} --site {path.parent.parent.name}` first."
+        ) from error
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, Mapping):
+        return {str(key): _plain(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [_plain(item) for item in value]
+    if hasattr(value, "item") and getattr(value, "ndim", 0) == 0:
+        value = value.item()
+    elif hasattr(value, "tolist"):
+        return _plain(value.tolist())
+    if isinstance(value, float):
+        return None if value != value or value in (float("inf"), float("-inf")) else value
+    return value
