@@ -1,4 +1,4 @@
-"""What every stage leaves beside its products: resolved parameters, metrics, time and memory."""
+"""The stages of the chain, and what each leaves beside its products: parameters, metrics, time, memory."""
 
 from __future__ import annotations
 
@@ -15,6 +15,18 @@ from ruamel.yaml import YAML
 
 from workbench.errors import SiteError
 from workbench.params import Section
+
+FOLDERS = {
+    "orient": "orientation",
+    "match": "matching",
+    "surface": "surface",
+    "mosaic": "mosaic",
+    "reed": "reed",
+    "trees": "trees",
+    "assess": "assessment",
+    "report": "report",
+}
+"""Verb of each stage, in the order of the chain, and its folder under ``data/products/<site>``."""
 
 
 @dataclass
@@ -45,6 +57,7 @@ def open_stage(folder: Path, parameters: Mapping[str, Section]) -> Iterator[Stag
         If the folder cannot be written.
     """
     started, cpu = time.perf_counter(), time.process_time()
+    _reset_peak_memory()
     stage = Stage(folder)
     try:
         folder.mkdir(parents=True, exist_ok=True)
@@ -55,22 +68,34 @@ def open_stage(folder: Path, parameters: Mapping[str, Section]) -> Iterator[Stag
             YAML().dump(sections, file)
         part.replace(stage.path("parameters.yaml"))
     except OSError as error:
-        raise SiteError(f"{folder}: cannot be written ({error}). Free space or choose --root.") from error
+        raise SiteError(
+            f"{folder}: cannot be written ({error}). Free space or choose another root."
+        ) from error
     yield stage
     run = {
         "seconds": round(time.perf_counter() - started, 2),
         "cpu_seconds": round(time.process_time() - cpu, 2),
-        "peak_memory_mb": round(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024, 1),
+        "peak_memory_mb": round(_peak_memory_mb(), 1),
     }
     write_json(run, stage.path("run.json"))
     write_json(stage.metrics, stage.path("metrics.json"))
 
 
 def write_json(values: Mapping[str, Any], path: Path) -> None:
-    """Write a mapping as JSON under a temporary name, then rename it; NaN becomes null."""
+    """Write a mapping as JSON under a temporary name, then rename it; NaN becomes null.
+
+    Raises
+    ------
+    SiteError
+        If the folder cannot be written.
+    """
+    text = json.dumps(_plain(values), indent=2, allow_nan=False) + "\n"
     part = path.with_name(f".{path.name}.part")
-    part.write_text(json.dumps(_plain(values), indent=2, allow_nan=False) + "\n", encoding="utf-8")
-    part.replace(path)
+    try:
+        part.write_text(text, encoding="utf-8")
+        part.replace(path)
+    except OSError as error:
+        raise SiteError(f"{path}: cannot be written ({error}). Free space or choose another root.") from error
 
 
 def read_json(path: Path) -> dict[str, Any]:
@@ -84,9 +109,30 @@ def read_json(path: Path) -> dict[str, Any]:
     try:
         return json.loads(path.read_text(encoding="utf-8"))
     except FileNotFoundError as error:
+        verbs = {folder: verb for verb, folder in FOLDERS.items()}
+        verb = verbs.get(path.parent.name, "run")
         raise SiteError(
-            f"{path}: missing. Run `workbench {path.parent.name} --site {path.parent.parent.name}` first."
+            f"{path}: missing. Run `workbench {verb} --site {path.parent.parent.name}` first."
         ) from error
+
+
+def _reset_peak_memory() -> None:
+    """Start the kernel's high-water mark anew, so that each stage reports its own (Linux only)."""
+    reset = Path("/proc/self/clear_refs")
+    if reset.exists():
+        try:
+            reset.write_text("5")
+        except OSError:
+            return  # Not allowed in some containers: the mark then covers the whole process.
+
+
+def _peak_memory_mb() -> float:
+    status = Path("/proc/self/status")
+    if status.exists():
+        for line in status.read_text().splitlines():
+            if line.startswith("VmHWM:"):
+                return int(line.split()[1]) / 1024
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
 
 
 def _plain(value: Any) -> Any:

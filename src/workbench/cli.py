@@ -1,0 +1,176 @@
+"""The command line: ``workbench VERB``. No logic here: each verb calls one public function.
+
+Exit codes: 0 done, 1 the data or parameters are at fault, 2 wrong usage.
+"""
+
+from __future__ import annotations
+
+import importlib
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+from rich.console import Console
+
+from workbench.errors import WorkbenchError
+from workbench.params import Parameters, load_parameters
+
+app = typer.Typer(
+    help="From overlapping aerial photographs to surfaces, orthophotos, reed and tree measurements.",
+    no_args_is_help=True,
+    pretty_exceptions_enable=False,
+    add_completion=False,
+)
+console = Console(stderr=True, highlight=False)
+
+SiteOption = Annotated[str, typer.Option("--site", help="Name of the site under data/sites.")]
+RootOption = Annotated[Path, typer.Option("--root", help="Folder that holds data/.")]
+ParamsOption = Annotated[
+    Path | None, typer.Option("--params", help="Parameter file; params.yaml of the root by default.")
+]
+
+
+def main() -> None:
+    """Run the command line; errors of data and parameters become one message and exit code 1."""
+    try:
+        app()
+    except WorkbenchError as error:
+        console.print(f"[bold red]{type(error).__name__}[/]", end=" ")
+        console.print(str(error), markup=False, soft_wrap=True)
+        sys.exit(1)
+    except KeyboardInterrupt:
+        console.print("Interrupted. Run the same command again to continue.")
+        sys.exit(130)
+
+
+@app.command("new-site")
+def new_site(
+    name: str,
+    photos: Annotated[Path, typer.Option("--photos", help="Folder of photographs (with subfolders).")],
+    navigation: Annotated[Path | None, typer.Option(help="Text file of positions and angles.")] = None,
+    control: Annotated[Path | None, typer.Option(help="Control file (CSV) or gcp_list.txt.")] = None,
+    observations: Annotated[Path | None, typer.Option(help="Control points measured in photographs.")] = None,
+    crs: Annotated[str | None, typer.Option(help="CRS of the products, as EPSG:32633.")] = None,
+    vertical_datum: Annotated[str | None, typer.Option(help="What heights refer to, in words.")] = None,
+    water_level: Annotated[float | None, typer.Option(help="Water level, metres in that datum.")] = None,
+    shoreline: Annotated[Path | None, typer.Option(help="Official shoreline: polygon of the lake.")] = None,
+    dtm: Annotated[Path | None, typer.Option(help="Terrain raster, for example from lidar.")] = None,
+    root: RootOption = Path("."),
+) -> None:
+    """Describe photographs, positions and control as a site: data/sites/NAME/site.yaml."""
+    from workbench.site import check_site
+    from workbench.site import new_site as create
+
+    site = create(
+        name,
+        photos=photos,
+        root=root,
+        navigation=navigation,
+        control=control,
+        observations=observations,
+        crs=crs,
+        vertical_datum=vertical_datum,
+        water_level=water_level,
+        shoreline=shoreline,
+        dtm=dtm,
+    )
+    typer.echo(f"{site.folder / 'site.yaml'}: {len(site.photographs)} photographs")
+    typer.echo(str(check_site(site)))
+
+
+@app.command()
+def check(site: SiteOption, root: RootOption = Path("."), params: ParamsOption = None) -> None:
+    """List every problem of a site and of the parameters at once."""
+    from workbench.site import check_site, load_site
+
+    report = check_site(load_site(site, root), _parameters(root, params))
+    typer.echo(str(report))
+    if report.errors:
+        raise typer.Exit(1)
+
+
+@app.command()
+def simulate(scene: str, root: RootOption = Path("."), params: ParamsOption = None) -> None:
+    """Photograph a virtual scene and write it as an ordinary site, with its truth beside it."""
+    from workbench.virtual import simulate_scene
+
+    site = simulate_scene(scene, root, _parameters(root, params))
+    typer.echo(f"{site.folder}: {len(site.photographs)} photographs")
+
+
+def _stage_command(verb: str, module: str, function: str, help_text: str) -> None:
+    def command(site: SiteOption, root: RootOption = Path("."), params: ParamsOption = None) -> None:
+        from workbench.site import load_site
+
+        parameters = _parameters(root, params)
+        _stage(module, function)(load_site(site, root), parameters)
+
+    command.__doc__ = help_text
+    app.command(verb)(command)
+
+
+STAGES = {
+    "orient": ("workbench.orientation", "orient_site", "Camera poses and tie points."),
+    "match": ("workbench.matching", "match_site", "Disparities of all stereo pairs."),
+    "surface": ("workbench.surface", "surface_site", "Surface, count, spread, provenance, terrain."),
+    "mosaic": ("workbench.mosaic", "mosaic_site", "True orthophoto, seamlines, indices."),
+    "reed": ("workbench.reed", "reed_site", "Extent, density, front and status of reed."),
+    "trees": ("workbench.trees", "trees_site", "Tree mask, tops and crowns."),
+    "assess": ("workbench.assessment", "assess_site", "Every product against its reference."),
+    "report": ("workbench.figures", "report_site", "One self-contained HTML report."),
+}
+"""Module, function and purpose of each stage; the keys are those of :data:`workbench.stages.FOLDERS`."""
+
+for _verb, (_module, _function, _help) in STAGES.items():
+    _stage_command(_verb, _module, _function, _help)
+
+
+@app.command()
+def run(site: SiteOption, root: RootOption = Path("."), params: ParamsOption = None) -> None:
+    """Run every stage that the site has inputs for, and the report."""
+    from workbench.chain import run_site
+    from workbench.site import load_site
+
+    stages = {verb: _stage_loader(module, function) for verb, (module, function, _) in STAGES.items()}
+    run_site(load_site(site, root), _parameters(root, params), stages, announce=console.print)
+
+
+@app.command()
+def environment() -> None:
+    """Versions, processor and threads of this machine, as environment.md documents them."""
+    from workbench.environment import describe_environment
+
+    for label, value in describe_environment().items():
+        typer.echo(f"{label}: {value}")
+
+
+@app.command()
+def where(root: RootOption = Path("."), params: ParamsOption = None) -> None:
+    """Print where the reports of the sites in params.yaml are."""
+    for site in _parameters(root, params).sites:
+        typer.echo(f"report of {site}: {root / 'data' / 'products' / site / 'report' / 'report.html'}")
+
+
+def _parameters(root: Path, params: Path | None) -> Parameters:
+    path = params or root / "params.yaml"
+    if params is None and not path.exists():
+        console.print(f"{path}: not there, so every parameter has its default.")
+        return Parameters()
+    return load_parameters(path)
+
+
+def _stage(module: str, function: str) -> Callable[..., Any]:
+    return getattr(importlib.import_module(module), function)
+
+
+def _stage_loader(module: str, function: str) -> Callable[..., Any]:
+    def load_and_run(*arguments: Any) -> Any:
+        return _stage(module, function)(*arguments)
+
+    return load_and_run
+
+
+if __name__ == "__main__":
+    main()
