@@ -57,7 +57,7 @@ def new_site(
     water_level: Annotated[float | None, typer.Option(help="Water level, metres in that datum.")] = None,
     shoreline: Annotated[Path | None, typer.Option(help="Official shoreline: polygon of the lake.")] = None,
     dtm: Annotated[Path | None, typer.Option(help="Terrain raster, for example from lidar.")] = None,
-    root: RootOption = Path("."),
+    root: RootOption = Path(),
 ) -> None:
     """Describe photographs, positions and control as a site: data/sites/NAME/site.yaml."""
     from workbench.site import check_site
@@ -81,7 +81,7 @@ def new_site(
 
 
 @app.command()
-def check(site: SiteOption, root: RootOption = Path("."), params: ParamsOption = None) -> None:
+def check(site: SiteOption, root: RootOption = Path(), params: ParamsOption = None) -> None:
     """List every problem of a site and of the parameters at once."""
     from workbench.site import check_site, load_site
 
@@ -92,7 +92,7 @@ def check(site: SiteOption, root: RootOption = Path("."), params: ParamsOption =
 
 
 @app.command()
-def simulate(scene: str, root: RootOption = Path("."), params: ParamsOption = None) -> None:
+def simulate(scene: str, root: RootOption = Path(), params: ParamsOption = None) -> None:
     """Photograph a virtual scene and write it as an ordinary site, with its truth beside it."""
     from workbench.virtual import simulate_scene
 
@@ -101,7 +101,7 @@ def simulate(scene: str, root: RootOption = Path("."), params: ParamsOption = No
 
 
 def _stage_command(verb: str, module: str, function: str, help_text: str) -> None:
-    def command(site: SiteOption, root: RootOption = Path("."), params: ParamsOption = None) -> None:
+    def command(site: SiteOption, root: RootOption = Path(), params: ParamsOption = None) -> None:
         from workbench.site import load_site
 
         parameters = _parameters(root, params)
@@ -128,7 +128,7 @@ for _verb, (_module, _function, _help) in STAGES.items():
 
 
 @app.command()
-def run(site: SiteOption, root: RootOption = Path("."), params: ParamsOption = None) -> None:
+def run(site: SiteOption, root: RootOption = Path(), params: ParamsOption = None) -> None:
     """Run every stage that the site has inputs for, and the report."""
     from workbench.chain import run_site
     from workbench.site import load_site
@@ -147,7 +147,7 @@ def environment() -> None:
 
 
 @app.command()
-def where(root: RootOption = Path("."), params: ParamsOption = None) -> None:
+def where(root: RootOption = Path(), params: ParamsOption = None) -> None:
     """Print where the reports of the sites in params.yaml are."""
     for site in _parameters(root, params).sites:
         typer.echo(f"report of {site}: {root / 'data' / 'products' / site / 'report' / 'report.html'}")

@@ -48,7 +48,8 @@ def open_stage(folder: Path, parameters: Mapping[str, Section]) -> Iterator[Stag
     """Prepare the folder of a stage, and describe the run once it has succeeded.
 
     Writes ``parameters.yaml`` (the sections that the stage reads), ``metrics.json`` (facts that
-    depend on data and parameters alone) and ``run.json`` (seconds and peak memory of this run).
+    depend on data and parameters alone) and ``run.json`` (seconds and peak memory of this run); a copy
+    of the metrics goes to ``metrics/<stage>.json`` beside the folder, where DVC and git follow it.
     ``metrics.json`` is taken away at the start, so that its presence means a completed stage.
 
     Raises
@@ -78,6 +79,8 @@ def open_stage(folder: Path, parameters: Mapping[str, Section]) -> Iterator[Stag
         "peak_memory_mb": round(_peak_memory_mb(), 1),
     }
     write_json(run, stage.path("run.json"))
+    (folder.parent / "metrics").mkdir(exist_ok=True)
+    write_json(stage.metrics, folder.parent / "metrics" / f"{folder.name}.json")
     write_json(stage.metrics, stage.path("metrics.json"))
 
 
