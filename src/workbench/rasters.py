@@ -398,6 +398,40 @@ def read_raster(
     return raster if chunks else raster.load()
 
 
+def read_overview(path: Path | str, *, longest: int = 1600) -> xr.DataArray:
+    """Read a raster reduced for display, so that its longer edge has at most ``longest`` cells.
+
+    Uses the overviews of the file: cost and memory do not grow with the raster. Nearest cells, so
+    that classes stay classes.
+
+    Raises
+    ------
+    RasterError
+        As :func:`read_raster`.
+    """
+    path = Path(path)
+    try:
+        with rasterio.open(path) as source:
+            factor = max(max(source.width, source.height) / longest, 1)
+            shape = max(round(source.height / factor), 1), max(round(source.width / factor), 1)
+            values = source.read(out_shape=(source.count, *shape), masked=True)
+            nodata, crs, bounds = source.nodata, source.crs, source.bounds
+    except (rasterio.errors.RasterioError, OSError) as error:
+        raise RasterError(f"{path}: not a readable raster ({error}).") from error
+    if np.issubdtype(values.dtype, np.floating):
+        values = values.filled(np.nan)
+    west, south, east, north = bounds
+    x = west + (np.arange(shape[1]) + 0.5) * (east - west) / shape[1]
+    y = north - (np.arange(shape[0]) + 0.5) * (north - south) / shape[0]
+    overview = xr.DataArray(
+        np.ma.getdata(values), dims=("band", "y", "x"), coords={"y": y, "x": x}, name=path.stem
+    )
+    overview = overview.rio.write_crs(crs)
+    if nodata is not None:
+        overview = overview.rio.write_nodata(nodata)
+    return overview.isel(band=0, drop=True) if overview.sizes["band"] == 1 else overview
+
+
 def write_raster(raster: xr.DataArray, path: Path | str) -> Path:
     """Write a raster as cloud-optimised GeoTIFF under a temporary name, then rename it.
 
