@@ -13,6 +13,7 @@ from workbench.params.orient import OrientParameters
 from workbench.params.reed import ReedParameters
 from workbench.params.report import ReportParameters
 from workbench.params.simulate import SimulateParameters
+from workbench.params.study import StudyParameters
 from workbench.params.surface import SurfaceParameters
 from workbench.params.trees import TreesParameters
 
@@ -26,6 +27,7 @@ __all__ = [
     "ReportParameters",
     "Section",
     "SimulateParameters",
+    "StudyParameters",
     "SurfaceParameters",
     "TreesParameters",
     "load_parameters",

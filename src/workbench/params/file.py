@@ -21,6 +21,7 @@ from workbench.params.orient import OrientParameters
 from workbench.params.reed import ReedParameters
 from workbench.params.report import ReportParameters
 from workbench.params.simulate import SimulateParameters
+from workbench.params.study import StudyParameters
 from workbench.params.surface import SurfaceParameters
 from workbench.params.trees import TreesParameters
 
@@ -39,6 +40,7 @@ class Parameters(Section):
     trees: TreesParameters = TreesParameters()
     assess: AssessParameters = AssessParameters()
     report: ReportParameters = ReportParameters()
+    study: StudyParameters = StudyParameters()
 
 
 def load_parameters(path: Path | str) -> Parameters:
