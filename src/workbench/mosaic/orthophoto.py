@@ -195,7 +195,7 @@ def _spread(core: tuple[slice, slice], fine: Grid, target: Grid, values: np.ndar
         out[i[0] : i[-1] + 1, j[0] : j[-1] + 1] = picked
 
 
-def _lookup(fine: Grid, coarse: Grid, rows: slice, columns: slice) -> tuple[np.ndarray, np.ndarray]:
+def _lookup(fine: Grid, coarse: Grid, rows: slice, columns: slice) -> tuple[np.ndarray, ...]:
     """Index arrays of the coarse cells that hold the centres of a window of the fine grid."""
     window = fine.window(rows, columns)
     i = np.clip(np.floor((coarse.north - window.y) / coarse.resolution), 0, coarse.height - 1)

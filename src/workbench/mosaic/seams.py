@@ -131,9 +131,9 @@ def _cut(previews: Sequence[Preview], best: np.ndarray, labels: np.ndarray, band
         masks.append(np.ascontiguousarray(usable[part], dtype=np.uint8) * 255)
         corners.append((left, top))
         chosen.append(view.index)
-    finder = cv2.detail_GraphCutSeamFinder("COST_COLOR_GRAD")
+    finder = cv2.detail.GraphCutSeamFinder("COST_COLOR_GRAD")
     for index, (left, top), mask in zip(chosen, corners, finder.find(images, corners, masks), strict=True):
-        keep = (mask.get() if hasattr(mask, "get") else mask) > 0
+        keep = np.asarray(mask.get() if isinstance(mask, cv2.UMat) else mask) > 0
         labels[top : top + keep.shape[0], left : left + keep.shape[1]][keep] = index + 1
 
 
