@@ -1,0 +1,228 @@
+"""Trees of a scene: stands of one age and single trees, grown, coloured, and told visible or hidden."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import shapely
+from shapely.geometry import Polygon
+
+from workbench.errors import SceneError
+from workbench.virtual.composition import SingleTreesSpec, StandSpec
+from workbench.virtual.noise import gaussian_field
+from workbench.virtual.particles import TREE_COLUMNS, Plants, leaf_library
+from workbench.virtual.trees3d import (
+    CLUMP_COLUMNS,
+    LEAF_DIAMETER,
+    RA,
+    RB,
+    RC,
+    SPECIES_GROUPS,
+    X,
+    Y,
+    Z,
+    TreeForm,
+    grow_tree,
+)
+
+# Height and crown diameter (mean, standard deviation) and spacing, m. Sizes stay within thesis table
+# 2.2 (conifers 15-40 m, crowns 3-8 m, once grown) and the largest crowns of thesis 4.3: 14 m for
+# broadleaf trees and 6 m for conifers; young broadleaf stands crown to crown, nearly equally high.
+_STANDS = {
+    ("conifer", "young"): ((9.0, 0.9), (2.6, 0.3), 1.9),
+    ("conifer", "middle"): ((18.0, 1.5), (3.6, 0.45), 2.9),
+    ("conifer", "old"): ((27.0, 2.0), (5.0, 0.6), 4.2),
+    ("broadleaf", "young"): ((10.0, 0.6), (3.0, 0.35), 2.3),
+    ("broadleaf", "middle"): ((17.0, 1.3), (6.0, 0.8), 4.8),
+    ("broadleaf", "old"): ((25.0, 2.2), (10.5, 1.6), 8.6),
+}
+_LARGEST_CROWN = {"broadleaf": 14.0, "conifer": 6.0}
+_JITTER = 0.22
+_GAP_FIELD = 16.0
+# Reflectance of leaves, red green blue nir, of a few kinds a group: beech, oak, birch; spruce, pine.
+_LEAVES = {
+    "broadleaf": np.array(
+        [[0.060, 0.112, 0.028, 0.48], [0.050, 0.088, 0.026, 0.44], [0.085, 0.135, 0.036, 0.50]]
+    ),
+    "conifer": np.array([[0.034, 0.060, 0.026, 0.31], [0.050, 0.074, 0.030, 0.34]]),
+}
+_UNDERSTOREY_HEIGHT = (1.0, 5.0)
+
+
+@dataclass(frozen=True, eq=False)
+class Stem:
+    """One tree before it is grown."""
+
+    x: float
+    y: float
+    species_group: str
+    height: float
+    crown: float
+    lean: tuple[float, float] = (0.0, 0.0)
+    dead: bool = False
+    understorey: bool = False
+    crown_share: float | None = None
+
+
+def plant_stand(spec: StandSpec, seed: int) -> list[Stem]:
+    """Stems of a stand: a jittered triangular grid with gaps, and an understorey.
+
+    The mean number per area is ``2 / (sqrt(3) spacing^2)`` times the share that gaps leave
+    (1 - 0.3 clumping).
+
+    Raises
+    ------
+    SceneError
+        If the species group is unknown or the area crosses itself.
+    """
+    if spec.species_group not in SPECIES_GROUPS:
+        raise SceneError(f"Species group {spec.species_group!r} is unknown: choose one of {SPECIES_GROUPS}.")
+    polygon = Polygon(spec.area)
+    if not polygon.is_valid:
+        raise SceneError(f"The area of a {spec.age} {spec.species_group} stand crosses itself.")
+    rng = np.random.default_rng([seed, 7])
+    spacing = spec.spacing or _STANDS[spec.species_group, spec.age][2]
+    points = _grid(polygon, spacing, rng)
+    vigour = gaussian_field(points[:, 0], points[:, 1], _GAP_FIELD, rng, modes=48)
+    # The gaps lie where the field is low; their share is that of the normal distribution.
+    keep = vigour > np.quantile(vigour, 0.3 * spec.clumping) if len(points) else np.zeros(0, dtype=bool)
+    stems = [_stem(spec, x, y, v, rng) for (x, y), v in zip(points[keep], vigour[keep], strict=True)]
+    return stems + _understorey(spec, polygon, rng)
+
+
+def plant_singles(spec: SingleTreesSpec, area: Polygon, seed: int, blocked: list[Stem]) -> list[Stem]:
+    """Single trees with a least distance to each other and to the stems that stand already.
+
+    Raises
+    ------
+    SceneError
+        If the species group is unknown.
+    """
+    if spec.species_group not in SPECIES_GROUPS:
+        raise SceneError(f"Species group {spec.species_group!r} is unknown: choose one of {SPECIES_GROUPS}.")
+    rng = np.random.default_rng([seed, 8])
+    polygon = Polygon(spec.area) if spec.area else area
+    west, south, east, north = polygon.bounds
+    stems: list[Stem] = []
+    taken = [(stem.x, stem.y) for stem in blocked if not stem.understorey]
+    for _ in range(60 * spec.number):
+        if len(stems) == spec.number:
+            break
+        x, y = rng.uniform(west, east), rng.uniform(south, north)
+        near = np.asarray(taken).reshape(-1, 2) - (x, y)
+        if not shapely.contains_xy(polygon, x, y) or np.any(np.hypot(*near.T) < spec.apart):
+            continue
+        height = rng.uniform(*spec.height)
+        crown = min(height * rng.uniform(*spec.crown_share), _LARGEST_CROWN[spec.species_group])
+        taken.append((x, y))
+        stems.append(Stem(x, y, spec.species_group, height, crown, crown_share=rng.uniform(0.75, 0.88)))
+    return stems
+
+
+def grow_trees(stems: list[Stem], feet: np.ndarray, seed: int) -> tuple[Plants, list[TreeForm]]:
+    """Grow all stems on their feet (local heights, m) into the tables that the renderer reads."""
+    forms, tables, first = [], np.zeros((len(stems), TREE_COLUMNS)), 0
+    for index, stem in enumerate(stems):
+        rng = np.random.default_rng([seed, 9, index])
+        form = grow_tree(
+            stem.species_group,
+            stem.height,
+            stem.crown,
+            rng,
+            dead=stem.dead,
+            lean=stem.lean,
+            crown_share=stem.crown_share,
+        )
+        forms.append(form)
+        centre, reach = _sphere(form.clumps)
+        tables[index, :7] = (
+            stem.x,
+            stem.y,
+            feet[index],
+            stem.height,
+            first,
+            len(form.clumps),
+            LEAF_DIAMETER[stem.species_group],
+        )
+        tables[index, 7:11] = _leaf_colour(stem, rng)
+        tables[index, 11:] = centre, reach
+        first += len(form.clumps)
+    clumps = np.concatenate([f.clumps for f in forms]) if forms else np.zeros((0, CLUMP_COLUMNS))
+    return Plants(tables.astype(np.float32), clumps.astype(np.float32), leaf_library()), forms
+
+
+def breast_height_diameter(stem: Stem) -> float:
+    """Diameter at breast height, m, from height and crown: thick stems carry wide crowns."""
+    factor = 0.022 if stem.species_group == "broadleaf" else 0.030
+    return round(0.006 * stem.height + factor * stem.crown, 3)
+
+
+def _grid(polygon: Polygon, spacing: float, rng: np.random.Generator) -> np.ndarray:
+    west, south, east, north = polygon.bounds
+    rows = np.arange(south, north + spacing, spacing * np.sqrt(3) / 2)
+    columns = np.arange(west, east + spacing, spacing)
+    x, y = np.meshgrid(columns, rows)
+    x = x + 0.5 * spacing * (np.arange(len(rows)) % 2)[:, None]
+    points = np.stack([x.ravel(), y.ravel()], axis=1)
+    points += rng.normal(0, _JITTER * spacing, points.shape)
+    return points[shapely.contains_xy(polygon, points[:, 0], points[:, 1])]
+
+
+def _stem(spec: StandSpec, x: float, y: float, vigour: float, rng: np.random.Generator) -> Stem:
+    group = spec.species_group
+    (mean, spread), (crown, crown_spread), _ = _STANDS[group, spec.age]
+    mean, spread = spec.height or (mean, spread)
+    crown, crown_spread = spec.crown or (crown, crown_spread)
+    z = 0.4 * vigour + np.sqrt(1 - 0.4**2) * rng.normal()
+    other = rng.uniform() < spec.admixture
+    if other:
+        group = SPECIES_GROUPS[1 - SPECIES_GROUPS.index(group)]
+    height = max(mean + spread * z, 0.4 * mean)
+    diameter = crown + crown_spread * (0.5 * z + np.sqrt(0.75) * rng.normal())
+    diameter = float(np.clip(diameter, 0.5 * crown, _LARGEST_CROWN[group]))
+    lean = rng.normal(0, spec.lean * height, 2)
+    return Stem(
+        float(x),
+        float(y),
+        group,
+        float(height),
+        diameter,
+        (float(lean[0]), float(lean[1])),
+        rng.uniform() < spec.dead,
+    )
+
+
+def _understorey(spec: StandSpec, polygon: Polygon, rng: np.random.Generator) -> list[Stem]:
+    mean = (spec.height or _STANDS[spec.species_group, spec.age][0])[0]
+    number = rng.poisson(spec.understorey * polygon.area / 10_000)
+    west, south, east, north = polygon.bounds
+    points = np.stack([rng.uniform(west, east, number), rng.uniform(south, north, number)], axis=1)
+    top = min(_UNDERSTOREY_HEIGHT[1], 0.35 * mean)
+    stems = []
+    for x, y in points[shapely.contains_xy(polygon, points[:, 0], points[:, 1])]:
+        height = float(rng.uniform(_UNDERSTOREY_HEIGHT[0], max(top, 1.5)))
+        stems.append(
+            Stem(float(x), float(y), "broadleaf", height, 0.8 * height, understorey=True, crown_share=0.85)
+        )
+    return stems
+
+
+def _leaf_colour(stem: Stem, rng: np.random.Generator) -> np.ndarray:
+    kinds = _LEAVES[stem.species_group]
+    base = kinds[rng.choice(len(kinds), p=[0.5, 0.3, 0.2] if len(kinds) == 3 else [0.75, 0.25])]
+    if stem.understorey:
+        base = _LEAVES["broadleaf"][2] * 0.95
+    brightness = np.exp(rng.normal(0, 0.13))
+    # Yellower trees are brighter in red, bluer ones darker; the infrared varies for itself.
+    hue = rng.normal(0, 0.10)
+    return base * brightness * np.array([np.exp(hue), 1.0, np.exp(-0.4 * hue), np.exp(rng.normal(0, 0.06))])
+
+
+def _sphere(clumps: np.ndarray) -> tuple[float, float]:
+    """Height of the centre and radius of a sphere around the stem that holds all clumps."""
+    size = np.max(clumps[:, [RA, RB, RC]], axis=1)
+    low, high = np.min(clumps[:, Z] - size), np.max(clumps[:, Z] + size)
+    centre = (low + high) / 2
+    away = np.sqrt(clumps[:, X] ** 2 + clumps[:, Y] ** 2 + (clumps[:, Z] - centre) ** 2)
+    return float(centre), float(np.max(away + size))

@@ -1,0 +1,182 @@
+"""Surface texture: square tiles of fine structure with their averages over 2, 4, 8 ... texels.
+
+A tile repeats, but no surface shows it alone: the renderer adds one tile at three incommensurate scales
+and directions, and bends the coordinates of the finest. Sampling at the level whose texels are as wide
+as a subpixel makes a coarse photograph the average of a fine one.
+"""
+
+from __future__ import annotations
+
+import functools
+from typing import NamedTuple
+
+import numba
+import numpy as np
+from scipy import ndimage
+
+TILE = 1024
+"""Texels along the edge of a tile."""
+TEXEL = 0.004
+"""Edge of a texel, m: below the finest ground sampling distance that is flown."""
+NOISE, GRASS, GRAVEL, ASPHALT, LITTER, WAVE_EAST, WAVE_NORTH = range(7)
+_LEVELS = 11
+
+
+class Textures(NamedTuple):
+    """Tiles with all their levels, mean 0 and standard deviation 1 at the finest level."""
+
+    values: np.ndarray
+    """(tile, sample) float32: levels one after the other, each row by row."""
+    starts: np.ndarray
+    """(level,) int64: first sample of a level."""
+    variance: np.ndarray
+    """(tile, level) float32: what is left of the variance at a level."""
+
+
+@functools.cache
+def textures() -> Textures:
+    """The tiles: noise, grass, gravel, asphalt, litter, slopes of waves. Always the same."""
+    makers = (_noise, _grass, _gravel, _asphalt, _litter, _wave_east, _wave_north)
+    pyramids = [_pyramid(maker(np.random.default_rng(77))) for maker in makers]
+    sizes = [(TILE >> level) ** 2 for level in range(_LEVELS)]
+    starts = np.concatenate([[0], np.cumsum(sizes)[:-1]]).astype(np.int64)
+    ends = [*starts[1:], pyramids[0].size]
+    variance = [[part[a:b].var() for a, b in zip(starts, ends, strict=True)] for part in pyramids]
+    return Textures(np.stack(pyramids), starts, np.array(variance, dtype=np.float32))
+
+
+@numba.njit(inline="always")
+def level_of(footprint, texel):
+    """Level (a float) whose texels are as wide as the footprint, both metres."""
+    return np.float32(np.log2(max(footprint / texel, np.float32(1))))
+
+
+@numba.njit(inline="always")
+def sample(textures, tile, x, y, texel, level):
+    """Texture at a place, m; blended between the two levels beside ``level``."""
+    if level >= _LEVELS - 1:
+        return np.float32(0)
+    low = int(level)
+    share = np.float32(level - low)
+    value = _sample_level(textures, tile, x, y, texel, low)
+    if share > np.float32(0.02):
+        value += share * (_sample_level(textures, tile, x, y, texel, low + 1) - value)
+    return value
+
+
+@numba.njit(inline="always")
+def _sample_level(textures, tile, x, y, texel, level):
+    size = TILE >> level
+    scale = np.float32(1) / (texel * np.float32(1 << level))
+    u, v = x * scale - np.float32(0.5), y * scale - np.float32(0.5)
+    j, i = int(np.floor(u)), int(np.floor(v))
+    a, b = np.float32(u - j), np.float32(v - i)
+    mask = size - 1
+    j0, i0 = j & mask, i & mask
+    j1, i1 = (j + 1) & mask, (i + 1) & mask
+    start = textures.starts[level]
+    row0, row1 = start + i0 * size, start + i1 * size
+    values = textures.values[tile]
+    top = values[row0 + j0] + a * (values[row0 + j1] - values[row0 + j0])
+    low = values[row1 + j0] + a * (values[row1 + j1] - values[row1 + j0])
+    return np.float32(top + b * (low - top))
+
+
+def _pyramid(tile: np.ndarray) -> np.ndarray:
+    tile = tile - ndimage.gaussian_filter(tile, TILE / 14, mode="wrap")
+    tile = (tile - tile.mean()) / tile.std()
+    level = np.clip(tile, -3.5, 3.5)
+    level -= level.mean()
+    parts = [level.ravel()]
+    while level.shape[0] > 1:
+        half = level.shape[0] // 2
+        level = level.reshape(half, 2, half, 2).mean(axis=(1, 3))
+        parts.append(level.ravel())
+    return np.concatenate(parts).astype(np.float32)
+
+
+def _noise(rng: np.random.Generator, power: float = 1.0) -> np.ndarray:
+    """Noise whose amplitude falls with frequency: every octave has the same variance at power 1."""
+    frequency = np.hypot(np.fft.fftfreq(TILE)[:, None], np.fft.rfftfreq(TILE)[None, :])
+    frequency[0, 0] = 1
+    spectrum = np.fft.rfft2(rng.normal(size=(TILE, TILE))) / frequency**power
+    spectrum[0, 0] = 0
+    field = np.fft.irfft2(spectrum, s=(TILE, TILE))
+    return field / field.std()
+
+
+def _grass(rng: np.random.Generator) -> np.ndarray:
+    """Blades of 4-14 cm in tufts, later ones over earlier ones, dark ground between them."""
+    tile = np.full((TILE, TILE), -2.2)
+    blades = 90_000
+    x, y = rng.uniform(0, TILE, (2, blades))
+    lay = _noise(rng)[y.astype(int), x.astype(int)]
+    angle = rng.uniform(0, 2 * np.pi, blades) + 0.5 * lay
+    length = rng.uniform(8, 30, blades)
+    bright = rng.normal(0, 0.9, blades) + 0.3 * lay
+    for t in np.linspace(0, 1, 22):
+        columns = (x + t * length * np.cos(angle)).astype(int) % TILE
+        rows = (y + t * length * np.sin(angle)).astype(int) % TILE
+        tile[rows, columns] = bright + 1.0 * (t - 0.4)
+    return ndimage.gaussian_filter(tile, 0.6, mode="wrap")
+
+
+def _gravel(rng: np.random.Generator) -> np.ndarray:
+    """Pebbles of 1-5 cm, each of one brightness, lit from one side, with dark joints."""
+    return _cells(rng, 9000, edge=1.2) + 0.35 * _noise(rng, 0.6)
+
+
+def _litter(rng: np.random.Generator) -> np.ndarray:
+    """Fallen leaves and twigs on dark soil."""
+    leaves = _cells(rng, 16000, edge=0.8)
+    twigs = np.zeros((TILE, TILE))
+    x, y = rng.uniform(0, TILE, (2, 700))
+    angle, length = rng.uniform(0, np.pi, 700), rng.uniform(20, 160, 700)
+    for t in np.linspace(0, 1, 200):
+        rows = (y + t * length * np.sin(angle)).astype(int) % TILE
+        twigs[rows, (x + t * length * np.cos(angle)).astype(int) % TILE] = 1.6
+    return leaves + ndimage.gaussian_filter(twigs, 0.7, mode="wrap") + 0.8 * _noise(rng)
+
+
+def _asphalt(rng: np.random.Generator) -> np.ndarray:
+    """Speckle of single grains, blotches and a few cracks."""
+    speckle = rng.normal(size=(TILE, TILE)) + 0.6 * _noise(rng, 0.5)
+    cracks = np.abs(ndimage.gaussian_filter(_noise(rng, 1.6), 1.0, mode="wrap"))
+    where = ndimage.gaussian_filter(rng.normal(size=(TILE, TILE)), 60, mode="wrap")
+    return speckle - 4.0 * (cracks < 0.012) * (where > where.std() * 0.4)
+
+
+def _wave_east(rng: np.random.Generator) -> np.ndarray:
+    return _wave_slopes(rng)[0]
+
+
+def _wave_north(rng: np.random.Generator) -> np.ndarray:
+    return _wave_slopes(rng)[1]
+
+
+def _wave_slopes(rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
+    """Slopes of one wavy surface, 8 to 90 texels from crest to crest, mostly running east."""
+    east, north = np.fft.rfftfreq(TILE)[None, :], np.fft.fftfreq(TILE)[:, None]
+    frequency = np.hypot(east, north)
+    band = np.exp(-((np.log(np.maximum(frequency, 1e-6) * 26)) ** 2) / 0.7)
+    heading = 0.25 + np.cos(np.arctan2(north, east) - 0.35) ** 2
+    spectrum = np.fft.rfft2(rng.normal(size=(TILE, TILE))) * band * heading
+    slopes = [
+        np.fft.irfft2(2j * np.pi * k * spectrum / np.maximum(frequency, 1e-6), s=(TILE, TILE))
+        for k in (east, north)
+    ]
+    return slopes[0], slopes[1]
+
+
+def _cells(rng: np.random.Generator, number: int, edge: float) -> np.ndarray:
+    """Cells around random seeds, each with a brightness of its own and a dark rim; periodic."""
+    seeds = np.zeros((TILE, TILE), dtype=bool)
+    rows, columns = rng.integers(0, TILE, (2, number))
+    seeds[rows, columns] = True
+    pad = 96
+    wrapped = np.pad(seeds, pad, mode="wrap")
+    distance, (i, j) = ndimage.distance_transform_edt(~wrapped, return_indices=True)
+    bright = np.pad(rng.normal(size=(TILE, TILE)), pad, mode="wrap")[i, j]
+    rim = np.hypot(*np.gradient(bright))
+    cell = bright - edge * (rim > 0.05) - 0.05 * distance
+    return ndimage.gaussian_filter(cell, 0.7)[pad:-pad, pad:-pad]

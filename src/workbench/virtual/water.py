@@ -1,0 +1,90 @@
+"""The lake as a camera sees it: sky reflected by ripples, glint of the sun, bottom through shallow water.
+
+Ripples are slopes, not heights. The mean square slope follows the measurements of Cox and Munk (1954):
+0.003 + 0.00512 times the wind speed; slopes finer than a subpixel widen the glint instead of moving it.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numba
+import numpy as np
+
+from workbench.virtual.noise import bilinear
+from workbench.virtual.texture import GRAVEL, NOISE, WAVE_EAST, WAVE_NORTH, level_of, sample
+from workbench.virtual.wind import Wind
+
+_FINE_TEXEL, _COARSE_TEXEL = np.float32(0.011), np.float32(0.043)
+_ATTENUATION = np.array([0.85, 0.42, 0.62, 4.0], dtype=np.float32)
+"""Loss of light on the way down, 1/m, red, green, blue, nir: a clear, slightly green lake."""
+_VOLUME = np.array([0.010, 0.026, 0.027, 0.003], dtype=np.float32)
+_BOTTOM = np.array([0.20, 0.18, 0.12, 0.24], dtype=np.float32)
+_SUN_SPREAD = 0.0006
+
+
+class Ripples(NamedTuple):
+    """State of the water surface at one exposure."""
+
+    shift: np.ndarray
+    """(2, 2) float32: offset of the fine and the coarse waves, m."""
+    slope: np.float32
+    """Root mean square slope."""
+
+
+def ripples(wind: Wind, exposure: int) -> Ripples:
+    """Ripples of an exposure: waves of another phase each time, frozen in calm air."""
+    shift = np.zeros((2, 2))
+    if wind.speed > 0:
+        shift = np.random.default_rng([wind.seed, exposure, 0xACE]).uniform(0, 40, (2, 2))
+    return Ripples(shift.astype(np.float32), np.float32(math.sqrt(0.003 + 0.00512 * wind.speed)))
+
+
+@numba.njit(inline="always")
+def shade_water(world, light, textures, waves, x, y, view, footprint, sunlit, out):
+    """Radiance of the lake at a place; ``view`` points to the camera. Adds nothing, overwrites ``out``."""
+    fine_level, coarse_level = level_of(footprint, _FINE_TEXEL), level_of(footprint, _COARSE_TEXEL)
+    xf, yf = x + waves.shift[0, 0], y + waves.shift[0, 1]
+    xc, yc = x * np.float32(0.83) + y * np.float32(0.56), y * np.float32(0.83) - x * np.float32(0.56)
+    xc, yc = xc + waves.shift[1, 0], yc + waves.shift[1, 1]
+    half = waves.slope * np.float32(0.5)
+    # Gusts roughen the water in patches.
+    patch = np.float32(1) + np.float32(0.35) * sample(
+        textures, NOISE, x + waves.shift[0, 0], y, np.float32(0.11), level_of(footprint, np.float32(0.11))
+    )
+    half *= min(max(patch, np.float32(0.3)), np.float32(1.8))
+    sx = sample(textures, WAVE_EAST, xf, yf, _FINE_TEXEL, fine_level)
+    sy = sample(textures, WAVE_NORTH, xf, yf, _FINE_TEXEL, fine_level)
+    sx = half * (sx + sample(textures, WAVE_EAST, xc, yc, _COARSE_TEXEL, coarse_level))
+    sy = half * (sy + sample(textures, WAVE_NORTH, xc, yc, _COARSE_TEXEL, coarse_level))
+    kept = np.float32(0.5) * (
+        textures.variance[WAVE_EAST, min(int(fine_level), 10)]
+        + textures.variance[WAVE_EAST, min(int(coarse_level), 10)]
+    )
+    rough = half * half * np.float32(2) * (np.float32(1) - kept) + np.float32(_SUN_SPREAD)
+    norm = np.float32(1) / np.float32(math.sqrt(sx * sx + sy * sy + 1))
+    nx, ny, nz = -sx * norm, -sy * norm, norm
+    facing = max(nx * view[0] + ny * view[1] + nz * view[2], np.float32(0.05))
+    away = np.float32(1) - facing
+    fresnel = np.float32(0.02) + np.float32(0.98) * away * away * away * away * away
+    up = max(np.float32(2) * facing * nz - view[2], np.float32(0))
+    sky = np.float32(0.8) + np.float32(1.3) * (np.float32(1) - up) * (np.float32(1) - up)
+    hx, hy, hz = view[0] + light.sun[0], view[1] + light.sun[1], view[2] + light.sun[2]
+    gx, gy = -hx / hz - sx, -hy / hz - sy
+    glint = math.exp(-(gx * gx + gy * gy) / rough) / (np.float32(math.pi) * rough)
+    glint *= fresnel * sunlit / (np.float32(4) * max(view[2], np.float32(0.2)))
+    column = (x - world.terrain.west) / world.terrain.step
+    row = (y - world.terrain.south) / world.terrain.step
+    depth = max(np.float32(world.water_level) - bilinear(world.terrain.height, column, row), np.float32(0))
+    stones = sample(
+        textures, GRAVEL, x + sx, y + sy, np.float32(0.012), level_of(footprint, np.float32(0.012))
+    )
+    weed = sample(textures, NOISE, x, y, np.float32(0.025), level_of(footprint, np.float32(0.025)))
+    bed = max(np.float32(1) + np.float32(0.12) * stones + np.float32(0.25) * weed, np.float32(0.15))
+    for band in range(4):
+        through = math.exp(-np.float32(2.1) * _ATTENUATION[band] * depth)
+        body = _BOTTOM[band] * bed * through + _VOLUME[band] * (np.float32(1) - through)
+        incoming = light.direct[band] * light.sun[2] * sunlit + light.diffuse[band]
+        out[band] = (np.float32(1) - fresnel) * body * incoming
+        out[band] += fresnel * sky * light.diffuse[band] + glint * light.direct[band]
