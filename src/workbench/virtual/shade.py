@@ -276,3 +276,23 @@ def solid_colour(world, textures, body, plane, x, y, z, footprint, out):
 def place_hash(x, y):
     """Hash of a place to a tenth of a millimetre, so that dither does not depend on tiles."""
     return hash2(np.uint64(np.int64(np.floor(x * 1e4))), np.uint64(np.int64(np.floor(y * 1e4))))
+
+
+@numba.njit(cache=True)
+def cover_below(world, textures, x, y, footprint):
+    """Land cover codes (y, x) of ground and water at local places, as if nothing stood on them."""
+    codes = np.zeros((y.size, x.size), dtype=np.uint8)
+    colour = np.zeros(4, dtype=np.float32)
+    terrain = world.terrain
+    for i in range(y.size):
+        for j in range(x.size):
+            xf, yf = np.float32(x[j]), np.float32(y[i])
+            column, row = (xf - terrain.west) / terrain.step, (yf - terrain.south) / terrain.step
+            z = bilinear(terrain.height, column, row)
+            if z < world.water_level:
+                codes[i, j] = Cover.WATER.value
+            elif target_colour(world, x[j], y[i], colour):
+                codes[i, j] = Cover.TARGET.value
+            else:
+                codes[i, j] = ground_cover(world, textures, xf, yf, z, np.float32(footprint))
+    return codes
