@@ -2,4 +2,17 @@
 
 from workbench.orientation.block import Block, OrientedPhotograph
 
-__all__ = ["Block", "OrientedPhotograph"]
+__all__ = ["Block", "OrientedPhotograph", "orient_site", "read_block"]
+
+
+def __getattr__(name: str):
+    # pycolmap takes a second to load; cameras and mosaics do without it.
+    if name == "read_block":
+        from workbench.orientation.files import read_block
+
+        return read_block
+    if name == "orient_site":
+        from workbench.orientation.stage import orient_site
+
+        return orient_site
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -1,0 +1,213 @@
+"""Surveyed points: into the model's frame, into the adjustment, and what they say of its error."""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import pycolmap
+
+from workbench.errors import OrientationError
+from workbench.site import ControlPoint, Observation
+
+_LEAST_CONTROL = 3
+_COLLINEAR = 0.02  # Smallest over largest spread of the points; below, a rotation about the line is free.
+_GROSS = 5.0
+_UNKNOWN = (float("nan"), float("nan"), float("nan"), float("nan"))
+
+
+@dataclass(frozen=True)
+class PointResidual:
+    """How a surveyed point fits."""
+
+    name: str
+    """Name of the point."""
+    role: str
+    """control, check or verify; unused if it is seen in fewer than two photographs."""
+    photographs: int
+    """Registered photographs that it was measured in."""
+    dx: float
+    """Estimated minus surveyed x, metres."""
+    dy: float
+    """Estimated minus surveyed y, metres."""
+    dz: float
+    """Estimated minus surveyed z, metres."""
+    reprojection_px: float
+    """Root mean square of its image residuals, px."""
+
+
+def triangulate(
+    model: pycolmap.Reconstruction, observations: Sequence[tuple[str, float, float]]
+) -> np.ndarray | None:
+    """Point (3,) that fits image measurements (photo, column, row) best; None with fewer than two.
+
+    Least squares of the image residuals, from the point nearest to all rays.
+    """
+    views = []
+    for photo, column, row in observations:
+        image = model.find_image_with_name(photo)
+        if image is not None and image.has_pose:
+            views.append((image, np.array([column, row])))
+    if len(views) < 2:
+        return None
+    normal, right = np.zeros((3, 3)), np.zeros(3)
+    for image, position in views:
+        ray = np.append(image.camera.cam_from_img(position), 1.0)
+        direction = image.cam_from_world().rotation.inverse() * ray
+        direction /= np.linalg.norm(direction)
+        across = np.eye(3) - np.outer(direction, direction)
+        normal += across
+        right += across @ image.projection_center()
+    point = np.linalg.solve(normal, right)
+    for _ in range(10):
+        residual, design = [], []
+        for image, position in views:
+            residual.append(position - image.project_point(point))
+            step = 1e-4
+            design.append(
+                np.stack(
+                    [
+                        (image.project_point(point + step * axis) - image.project_point(point)) / step
+                        for axis in np.eye(3)
+                    ],
+                    axis=1,
+                )
+            )
+        change = np.linalg.lstsq(np.vstack(design), np.concatenate(residual), rcond=None)[0]
+        point = point + change
+        if np.linalg.norm(change) < 1e-7:
+            break
+    return point
+
+
+def by_point(observations: Sequence[Observation]) -> dict[str, list[tuple[str, float, float]]]:
+    """Measurements (photo, column, row) of each point by its name."""
+    grouped: dict[str, list[tuple[str, float, float]]] = defaultdict(list)
+    for o in observations:
+        grouped[o.name].append((o.photo, o.column, o.row))
+    return grouped
+
+
+def align_to_control(
+    model: pycolmap.Reconstruction,
+    control: Sequence[ControlPoint],
+    measured: Mapping[str, list[tuple[str, float, float]]],
+    offset: np.ndarray,
+) -> tuple[str, ...]:
+    """Move, turn and scale a model onto its control points; robust against gross errors.
+
+    Returns
+    -------
+    tuple of str
+        Names of control points that do not fit the others: gross errors, to be left out.
+
+    Raises
+    ------
+    OrientationError
+        If fewer than three points can be used, or they lie on a line.
+    """
+    source, target, names, tolerance = [], [], [], []
+    for point in control:
+        found = triangulate(model, measured.get(point.name, [])) if point.role == "control" else None
+        if found is not None:
+            source.append(found)
+            target.append(np.array([point.x, point.y, point.z]) - offset)
+            names.append(point.name)
+            tolerance.append(max(point.sd_xy, point.sd_z))
+    if len(source) < _LEAST_CONTROL:
+        raise OrientationError(
+            f"{len(source)} control point(s) measured in two or more registered photographs; at least "
+            f"{_LEAST_CONTROL} are needed to fix a block. Measure more, or use recorded positions."
+        )
+    src, tgt = np.array(source), np.array(target)
+    spread = np.linalg.svd(tgt - tgt.mean(axis=0), compute_uv=False)
+    if spread[1] < _COLLINEAR * spread[0]:
+        raise OrientationError(
+            f"Control points {', '.join(names)} lie on a line: the block could turn about it. Add one beside."
+        )
+    keep = _consistent(src, tgt, np.array(tolerance))
+    fit = _umeyama(src[keep], tgt[keep])
+    model.transform(fit)
+    return tuple(name for name, good in zip(names, keep, strict=True) if not good)
+
+
+def residuals(
+    model: pycolmap.Reconstruction,
+    points: Sequence[ControlPoint],
+    measured: Mapping[str, list[tuple[str, float, float]]],
+    offset: np.ndarray,
+    unused: Sequence[str] = (),
+) -> list[PointResidual]:
+    """Residual of every surveyed point, from the poses alone."""
+    rows = []
+    for point in points:
+        observations = [
+            o
+            for o in measured.get(point.name, [])
+            if (image := model.find_image_with_name(o[0])) is not None and image.has_pose
+        ]
+        estimate = triangulate(model, observations)
+        if estimate is None:
+            rows.append(PointResidual(point.name, "unused", len(observations), *_UNKNOWN))
+            continue
+        difference = estimate + offset - (point.x, point.y, point.z)
+        image_residuals = [
+            model.find_image_with_name(photo).project_point(estimate) - (column, row)
+            for photo, column, row in observations
+        ]
+        error = float(np.sqrt(np.mean(np.square(np.linalg.norm(image_residuals, axis=1)))))
+        role = "unused" if point.name in unused else point.role
+        dx, dy, dz = map(float, difference)
+        rows.append(PointResidual(point.name, role, len(observations), dx, dy, dz, error))
+    return rows
+
+
+def rms(rows: Sequence[PointResidual], role: str) -> tuple[float | None, float | None]:
+    """Root mean square horizontal (of the length) and vertical residual, metres; None without points."""
+    chosen = [row for row in rows if row.role == role]
+    if not chosen:
+        return None, None
+    horizontal = np.sqrt(np.mean([row.dx**2 + row.dy**2 for row in chosen]))
+    vertical = np.sqrt(np.mean([row.dz**2 for row in chosen]))
+    return float(horizontal), float(vertical)
+
+
+def _umeyama(source: np.ndarray, target: np.ndarray) -> pycolmap.Sim3d:
+    """Similarity of least squares (Umeyama 1991)."""
+    mean_s, mean_t = source.mean(axis=0), target.mean(axis=0)
+    s, t = source - mean_s, target - mean_t
+    u, d, vt = np.linalg.svd(t.T @ s / len(s))
+    sign = np.array([1, 1, np.sign(np.linalg.det(u @ vt))])
+    rotation = u @ np.diag(sign) @ vt
+    scale = float((d * sign).sum() / (s**2).sum() * len(s))
+    return pycolmap.Sim3d(scale, pycolmap.Rotation3d(rotation), mean_t - scale * rotation @ mean_s)
+
+
+def _consistent(source: np.ndarray, target: np.ndarray, tolerance: np.ndarray) -> np.ndarray:
+    """Which points agree on one similarity: leave out the worst while it stands far out of the rest."""
+    keep = np.ones(len(source), bool)
+    while keep.sum() > _LEAST_CONTROL + 1:
+        worst, best_rest = -1, np.inf
+        for k in np.flatnonzero(keep):
+            rest = keep.copy()
+            rest[k] = False
+            spread = np.linalg.svd(target[rest] - target[rest].mean(axis=0), compute_uv=False)
+            if spread[1] < _COLLINEAR * spread[0]:
+                continue
+            error = _misfit(source, target, rest)[rest].max()
+            if error < best_rest:
+                worst, best_rest = int(k), error
+        everything = _misfit(source, target, keep)[keep].max()
+        limit = max(_GROSS * tolerance[keep].max(), best_rest * _GROSS)
+        if worst < 0 or everything <= limit:
+            break
+        keep[worst] = False
+    return keep
+
+
+def _misfit(source: np.ndarray, target: np.ndarray, keep: np.ndarray) -> np.ndarray:
+    fit = _umeyama(source[keep], target[keep])
+    moved = np.array([fit * point for point in source])
+    return np.linalg.norm(moved - target, axis=1)

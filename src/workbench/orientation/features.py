@@ -1,0 +1,137 @@
+"""Features and matches, kept in a database so that an interrupted run goes on where it stopped."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+from collections import defaultdict
+from pathlib import Path
+
+import numpy as np
+import pycolmap
+
+from workbench.cameras import Camera
+from workbench.errors import OrientationError
+from workbench.params import OrientParameters
+from workbench.site import Photograph, Site
+
+COLMAP_MODEL = "OPENCV"
+# Its own log repeats what metrics and errors say, hundreds of lines long.
+pycolmap.logging.minloglevel = 2
+
+
+def match_features(site: Site, parameters: OrientParameters, work: Path) -> Path:
+    """Find features in all photographs and match the pairs that may overlap.
+
+    What a database of the same options already holds is not computed again.
+
+    Returns
+    -------
+    Path
+        The COLMAP database.
+
+    Raises
+    ------
+    OrientationError
+        If a photograph has a camera whose questions are open.
+    """
+    work.mkdir(parents=True, exist_ok=True)
+    database = work / f"features-{_options_key(site, parameters)}.db"
+    folder = image_folder(site)
+    pycolmap.set_random_seed(parameters.seed)
+    _import(site, database, folder)
+    names = [_name(photograph, folder) for photograph in site.photographs]
+    options = pycolmap.FeatureExtractionOptions()
+    options.max_image_size = parameters.max_image_size
+    options.num_threads = parameters.threads
+    options.sift.max_num_features = parameters.max_features
+    options.sift.first_octave = parameters.first_octave
+    pycolmap.extract_features(database, folder, names, extraction_options=options, device=pycolmap.Device.cpu)
+    pairs = work / "pairs.txt"
+    candidates = candidate_pairs(site.photographs, parameters.neighbours)
+    pairs.write_text("\n".join(f"{names[i]} {names[j]}" for i, j in candidates))
+    matching = pycolmap.FeatureMatchingOptions()
+    matching.num_threads = parameters.threads
+    matching.max_num_matches = parameters.max_matches
+    verification = pycolmap.TwoViewGeometryOptions()
+    verification.ransac.random_seed = parameters.seed
+    pairing = pycolmap.ImportedPairingOptions()
+    pairing.match_list_path = str(pairs)
+    pycolmap.match_image_pairs(database, matching, pairing, verification, pycolmap.Device.cpu)
+    return database
+
+
+def candidate_pairs(photographs: tuple[Photograph, ...], neighbours: int) -> list[tuple[int, int]]:
+    """Index pairs worth matching: the nearest ones by position, and everything with a photograph without.
+
+    In a rig, photographs of one exposure stand at one place; each of them keeps its own neighbours.
+    """
+    pairs: set[tuple[int, int]] = set()
+    placed = [k for k, p in enumerate(photographs) if p.position is not None]
+    for k, p in enumerate(photographs):
+        if p.position is None:
+            pairs |= {(min(k, m), max(k, m)) for m in range(len(photographs)) if m != k}
+    if len(placed) > 1:
+        xy = np.array([photographs[k].position[:2] for k in placed])  # type: ignore[index]
+        cameras = np.array([photographs[k].camera for k in placed])
+        for place, k in enumerate(placed):
+            distance = np.hypot(*(xy - xy[place]).T)
+            distance[place] = np.inf
+            for camera in np.unique(cameras):
+                near = np.flatnonzero(cameras == camera)
+                near = near[np.argsort(distance[near], kind="stable")][:neighbours]
+                others = [placed[m] for m in near if np.isfinite(distance[m])]
+                pairs |= {(min(k, m), max(k, m)) for m in others}
+    return sorted(pairs)
+
+
+def image_folder(site: Site) -> Path:
+    """Folder that all photographs lie below; their names are relative to it."""
+    first = site.photographs[0]
+    return Path(str(first.path)[: -len(first.name)]) if first.name else first.path.parent
+
+
+def colmap_camera(camera: Camera) -> list[float]:
+    """Parameters of COLMAP's OPENCV model: fx, fy, cx, cy, k1, k2, p1, p2."""
+    return [
+        camera.focal_x,
+        camera.focal_y,
+        camera.principal_x,
+        camera.principal_y,
+        *camera.distortion[:4],
+    ]
+
+
+def _import(site: Site, database: Path, folder: Path) -> None:
+    """Cameras and photographs in a fixed order: their numbers, and so the result, depend on it."""
+    pycolmap.Database.open(database).close()
+    by_camera: dict[str, list[str]] = defaultdict(list)
+    for photograph in site.photographs:
+        by_camera[photograph.camera].append(_name(photograph, folder))
+    for identifier in sorted(by_camera):
+        if identifier not in site.cameras:
+            raise OrientationError(
+                f"{site.folder / 'site.yaml'}: camera '{identifier}' has open questions; answer them first."
+            )
+        options = pycolmap.ImageReaderOptions()
+        options.camera_model = COLMAP_MODEL
+        options.camera_params = ",".join(f"{value:.10g}" for value in colmap_camera(site.cameras[identifier]))
+        pycolmap.import_images(
+            database, folder, pycolmap.CameraMode.SINGLE, sorted(by_camera[identifier]), options
+        )
+    handle = pycolmap.Database.open(database)
+    for camera in handle.read_all_cameras():
+        camera.has_prior_focal_length = True
+        handle.update_camera(camera)
+    handle.close()
+
+
+def _name(photograph: Photograph, folder: Path) -> str:
+    return os.path.relpath(photograph.path, folder)
+
+
+def _options_key(site: Site, parameters: OrientParameters) -> str:
+    """Names what the content of a database depends on, beside the photographs that it lists itself."""
+    cameras = {name: colmap_camera(camera) for name, camera in sorted(site.cameras.items())}
+    text = f"{parameters.max_image_size} {parameters.first_octave} {parameters.max_features} {cameras}"
+    return hashlib.blake2b(text.encode(), digest_size=6).hexdigest()

@@ -1,0 +1,191 @@
+"""The orientation stage: from a site to poses, tie points and residuals."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import pycolmap
+
+from workbench.errors import OrientationError
+from workbench.orientation.adjust import adjust, drop_bad_points, focal_length_is_visible
+from workbench.orientation.control import (
+    PointResidual,
+    align_to_control,
+    by_point,
+    residuals,
+    rms,
+)
+from workbench.orientation.features import match_features
+from workbench.orientation.files import round_model, write_cameras, write_control, write_model
+from workbench.orientation.mapping import map_block
+from workbench.orientation.quality import doming
+from workbench.orientation.tie_points import TiePoints, feature_scales, tie_points
+from workbench.params import OrientParameters, Parameters
+from workbench.points import write_points
+from workbench.site import Site
+from workbench.stages import FOLDERS, open_stage
+
+_LEAST_PHOTOGRAPHS = 2
+
+
+def orient_site(site: Site, parameters: Parameters) -> dict:
+    """Orient the photographs of a site.
+
+    Writes ``sparse/``, ``cameras.csv``, ``tie_points.laz``, ``control.csv`` and the metrics.
+    Features and matches are kept under ``work/``.
+
+    Returns
+    -------
+    dict
+        The metrics.
+
+    Raises
+    ------
+    OrientationError
+        If CRS, datum or cameras are open, photographs cannot be connected, or nothing fixes the block.
+    """
+    _require_answers(site)
+    options = parameters.orient
+    with open_stage(site.products / FOLDERS["orient"], {"orient": options}) as stage:
+        offset = _offset(site)
+        database = match_features(site, options, stage.path("work"))
+        model, models = map_block(site, database, offset, options, stage.path("work"))
+        warnings: list[str] = []
+        rows = _georeference(model, site, offset, options, warnings)
+        round_model(model)
+        handle = pycolmap.Database.open(database)
+        points = tie_points(model, feature_scales(handle))
+        reasons = _reasons(model, site, handle)
+        handle.close()
+        write_model(model, stage.path("sparse"))
+        write_cameras(model, site, offset, reasons, stage.path("cameras.csv"))
+        write_control(rows, stage.path("control.csv"))
+        _write_tie_points(points, offset, site, stage.path("tie_points.laz"))
+        if models > 1:
+            warnings.append(f"{models} separate models: the largest is used, the others are not connected.")
+        if reasons:
+            warnings.append(f"{len(reasons)} photograph(s) could not be registered, see cameras.csv.")
+        stage.metrics.update(_metrics(model, site, offset, rows, points, models, warnings))
+    return stage.metrics
+
+
+def _require_answers(site: Site) -> None:
+    if site.unanswered:
+        raise OrientationError("Open questions:\n" + "\n".join(f"  {q}" for q in site.unanswered))
+    if len(site.photographs) < _LEAST_PHOTOGRAPHS:
+        raise OrientationError(
+            f"Site {site.name} has {len(site.photographs)} usable photograph(s): overlapping ones are needed."
+        )
+
+
+def _offset(site: Site) -> np.ndarray:
+    """Whole hundreds of metres near the block: coordinates stay small, and the number readable."""
+    places = [p.position for p in site.photographs if p.position] or [(p.x, p.y, p.z) for p in site.control]
+    if not places:
+        raise OrientationError(
+            f"Site {site.name} has neither recorded positions nor control points: nothing fixes the block."
+        )
+    offset = np.floor(np.median(np.array(places), axis=0) / 100) * 100
+    offset[2] = 0.0
+    return offset
+
+
+def _georeference(
+    model: pycolmap.Reconstruction,
+    site: Site,
+    offset: np.ndarray,
+    options: OrientParameters,
+    warnings: list[str],
+) -> list[PointResidual]:
+    measured = by_point(site.observations)
+    use_control = options.georeference != "positions"
+    control = [p for p in site.control if p.role == "control" and use_control and len(measured[p.name]) > 1]
+    placed = sum(p.position is not None for p in site.photographs) >= 3
+    gross: tuple[str, ...] = ()
+    if len(control) >= 3 or options.georeference == "control" or not placed:
+        gross = align_to_control(model, control, measured, offset)
+        for name in gross:
+            warnings.append(f"Control point {name} does not fit the others and is not used: check it.")
+    control = [p for p in control if p.name not in gross]
+    visible, why = focal_length_is_visible(model, control)
+    free = options.focal_length == "free" or (options.focal_length == "auto" and visible)
+    adjust(model, site, offset, options, control=control, measured=measured, free_focal_length=free)
+    if drop_bad_points(model, options.max_reprojection_error):
+        adjust(model, site, offset, options, control=control, measured=measured, free_focal_length=free)
+    if not visible and not control:
+        warnings.append(
+            f"Heights rest on the focal length of the camera table: {why}, and there is no control. "
+            "Add control points, oblique photographs, or a second flying height."
+        )
+    rows = residuals(model, site.control, measured, offset, unused=gross)
+    warnings += doming(rows, site.control)
+    return rows
+
+
+def _reasons(model: pycolmap.Reconstruction, site: Site, database: pycolmap.Database) -> dict[str, str]:
+    """Why a photograph has no pose."""
+    ids = {image.name: image.image_id for image in database.read_all_images()}
+    pairs, inliers = database.read_two_view_geometry_num_inliers()
+    partners: dict[int, int] = {}
+    for pair, count in zip(pairs, inliers, strict=True):
+        for image_id in pair if np.ndim(pair) else pycolmap.pair_id_to_image_pair(pair):
+            partners[int(image_id)] = max(partners.get(int(image_id), 0), int(count))
+    reasons = {}
+    for photograph in site.photographs:
+        image = model.find_image_with_name(photograph.name)
+        if image is not None and image.has_pose:
+            continue
+        keypoints = database.num_keypoints_for_image(ids[photograph.name])
+        best = partners.get(ids[photograph.name], 0)
+        if keypoints < 100:
+            reasons[photograph.name] = f"only {keypoints} features: blurred, dark or without texture"
+        elif best < 15:
+            reasons[photograph.name] = f"at most {best} matches with any other: no overlap, or changed ground"
+        else:
+            reasons[photograph.name] = f"matched ({best}), but not connected to the largest model"
+    return reasons
+
+
+def _write_tie_points(points: TiePoints, offset: np.ndarray, site: Site, path: Any) -> None:
+    attributes = {
+        "reprojection_error": points.reprojection_error.astype(np.float32),
+        "reconstruction_uncertainty": np.minimum(points.reconstruction_uncertainty, 1e6).astype(np.float32),
+        "projection_accuracy": points.projection_accuracy.astype(np.float32),
+        "image_count": points.image_count,
+    }
+    write_points(points.xyz + offset, path, crs=site.crs.to_wkt(), attributes=attributes)  # type: ignore[union-attr]
+
+
+def _metrics(
+    model: pycolmap.Reconstruction,
+    site: Site,
+    offset: np.ndarray,
+    rows: Sequence[PointResidual],
+    points: TiePoints,
+    models: int,
+    warnings: list[str],
+) -> dict:
+    differences = []
+    for photograph in site.photographs:
+        image = model.find_image_with_name(photograph.name)
+        if image is not None and image.has_pose and photograph.position is not None:
+            differences.append(image.projection_center() + offset - photograph.position)
+    gnss = np.sqrt(np.mean(np.sum(np.square(differences), axis=1))) if differences else None
+    values: dict[str, Any] = {
+        "registered": model.num_reg_images(),
+        "photographs": len(site.photographs),
+        "models": models,
+        "reprojection_error_px": round(model.compute_mean_reprojection_error(), 4),
+        "tie_points": len(points.numbers),
+        "observations": model.compute_num_observations(),
+        "gnss_rms_m": None if gnss is None else round(float(gnss), 4),
+        "offset": offset.tolist(),
+        "focal_length_px": {c.camera_id: round(float(c.params[0]), 3) for c in model.cameras.values()},
+    }
+    for role in ("control", "check", "verify"):
+        horizontal, vertical = rms(rows, role)
+        values[f"{role}_rms_xy_m"] = None if horizontal is None else round(horizontal, 5)
+        values[f"{role}_rms_z_m"] = None if vertical is None else round(vertical, 5)
+    return values | {"warnings": warnings}
