@@ -101,7 +101,7 @@ def _tree_boxes(trees: np.ndarray, direction: Direction) -> np.ndarray:
     return np.stack([column - reach, column + reach, row - reach, row + reach], axis=1)
 
 
-@numba.njit(inline="always")
+@numba.njit(error_model="numpy", fastmath=True)
 def _mark(top, owner, column, row, radius, z, name):
     """Raise the cells of a disc (or the one cell of a small particle) to a height."""
     rows, columns = top.shape
@@ -121,7 +121,7 @@ def _mark(top, owner, column, row, radius, z, name):
                 owner[i, j] = name
 
 
-@numba.njit(nogil=True, cache=True)
+@numba.njit(nogil=True, cache=True, error_model="numpy", fastmath=True)
 def _fill_trees(plants, chosen, wind, direction, row0, column0, top, owner):
     rows, columns = top.shape
     cell = np.float32(direction.cell)
@@ -147,11 +147,12 @@ def _fill_trees(plants, chosen, wind, direction, row0, column0, top, owner):
             if column + reach < 0 or row + reach < 0 or column - reach > columns or row - reach > rows:
                 continue
             frame = clump_frame(clump)
-            number, size = clump_particles(clump, c, tree[LEAF], cell)
+            number, size = clump_particles(clump, c, tree[LEAF], cell, False)
             start = int(hash2(np.uint64(c), np.uint64(9)))
+            key = hash2(wind.seed, np.uint64(c))
             for i in range(number):
                 ox, oy, oz, leaf = clump_leaf(clump, frame, plants.leaves, start, i, number)
-                jx, jy, _ = jitter(wind, c, i)
+                jx, jy, _ = jitter(wind, key, i)
                 pz = z + oz
                 pc = (x + ox + jx - pz * sx - west) / cell
                 pr = (north - y - oy - jy + pz * sy) / cell
@@ -160,7 +161,7 @@ def _fill_trees(plants, chosen, wind, direction, row0, column0, top, owner):
                 _mark(top, owner, pc, pr, radius, pz, index)
 
 
-@numba.njit(nogil=True, cache=True)
+@numba.njit(nogil=True, cache=True, error_model="numpy", fastmath=True)
 def _fill_reed(reed, wind, direction, row0, column0, top, owner):
     rows, columns = top.shape
     if reed.density.size == 0:
@@ -187,10 +188,11 @@ def _fill_reed(reed, wind, direction, row0, column0, top, owner):
                 x, y, foot, tall, _, h = stem(reed, i, j, s)
                 gx, gy = gust(wind, x, y)
                 number, size = stem_detail(tall, cell, h)
+                key = hash2(wind.seed, h)
                 for k in range(number):
                     ox, oy, oz, _, _, nz, share, _ = stem_leaf(h, tall, k, number)
                     lift = share * np.float32(np.sqrt(share)) * wind.reed
-                    jx, jy, _ = jitter(wind, h, k)
+                    jx, jy, _ = jitter(wind, key, k)
                     z = foot + oz
                     column = (x + ox + gx * lift + jx - z * sx - west) / cell
                     row = (north - y - oy - gy * lift - jy + z * sy) / cell
@@ -198,7 +200,7 @@ def _fill_reed(reed, wind, direction, row0, column0, top, owner):
                     _mark(top, owner, column, row, radius, z, REED)
 
 
-@numba.njit(nogil=True, cache=True)
+@numba.njit(nogil=True, cache=True, error_model="numpy", fastmath=True)
 def _fill_solids(solids, direction, row0, column0, top, owner):
     rows, columns = top.shape
     west = direction.west + column0 * direction.cell

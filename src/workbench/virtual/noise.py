@@ -17,7 +17,7 @@ _S15, _S16, _S8 = np.uint64(15), np.uint64(16), np.uint64(8)
 _UNIT = np.float32(1 / 16777216)
 
 
-@numba.njit(inline="always")
+@numba.njit(error_model="numpy", fastmath=True)
 def mix(value):
     """Scramble the low 32 bits of a uint64; numba widens uint32 products, hence the masks."""
     x = np.uint64(value) & _MASK
@@ -29,25 +29,25 @@ def mix(value):
     return x
 
 
-@numba.njit(inline="always")
+@numba.njit(error_model="numpy", fastmath=True)
 def hash2(a, b):
     """Hash of two integers, uint64 with 32 random bits."""
     return mix((mix(np.uint64(a) + _GOLDEN) ^ np.uint64(b)) & _MASK)
 
 
-@numba.njit(inline="always")
+@numba.njit(error_model="numpy", fastmath=True)
 def hash3(a, b, c):
     """Hash of three integers, uint64 with 32 random bits."""
     return hash2(hash2(a, b), c)
 
 
-@numba.njit(inline="always")
+@numba.njit(error_model="numpy", fastmath=True)
 def uniform(h):
     """Float32 in 0..1 (1 excluded) from a hash."""
     return np.float32(np.float32((np.uint64(h) & _MASK) >> _S8) * _UNIT)
 
 
-@numba.njit(inline="always")
+@numba.njit(error_model="numpy", fastmath=True)
 def bilinear(values, column, row):
     """Value of a 2-D array between its samples; positions outside are clamped to the border."""
     rows, columns = values.shape

@@ -17,7 +17,7 @@ from typing import NamedTuple
 import numba
 import numpy as np
 
-from workbench.virtual.noise import bilinear, hash2, hash3, uniform
+from workbench.virtual.noise import bilinear, hash2, hash3, mix, uniform
 from workbench.virtual.trees3d import (
     COUNT,
     DX,
@@ -101,7 +101,7 @@ def leaf_library() -> Leaves:
     return Leaves(position.astype(np.float32), normal.astype(np.float32), bright.astype(np.float32))
 
 
-@numba.njit(inline="always")
+@numba.njit(error_model="numpy", fastmath=True)
 def leaf_detail(count, diameter, sample_edge, h):
     """Number of particles for leaves of one size, and their diameter (0: one sample each)."""
     if diameter >= np.float32(_SMALLEST_DISC) * sample_edge:
@@ -112,7 +112,7 @@ def leaf_detail(count, diameter, sample_edge, h):
     return int(wanted + uniform(h)), size
 
 
-@numba.njit(inline="always")
+@numba.njit(error_model="numpy", fastmath=True)
 def line_detail(length, width, sample_edge, h):
     """The same for a stem or branch."""
     if width >= np.float32(1.3) * sample_edge:
@@ -120,7 +120,7 @@ def line_detail(length, width, sample_edge, h):
     return int(length * width / (sample_edge * sample_edge) + uniform(h)), np.float32(0)
 
 
-@numba.njit(inline="always")
+@numba.njit(error_model="numpy", fastmath=True)
 def clump_frame(clump):
     """Second and third axis of a clump: horizontal across, and upright."""
     flat = math.sqrt(clump[DX] * clump[DX] + clump[DY] * clump[DY])
@@ -134,16 +134,22 @@ def clump_frame(clump):
     return bx, by, cx, cy, cz
 
 
-@numba.njit(inline="always")
-def clump_particles(clump, index, leaf_diameter, sample_edge):
-    """Number and diameter of the particles of a clump at a level of detail."""
+@numba.njit(error_model="numpy", fastmath=True)
+def clump_particles(clump, index, leaf_diameter, sample_edge, deep):
+    """Number and diameter of the particles of a clump at a level of detail.
+
+    Deep within the canopy small leaves are replaced by blocks of 2 x 2 samples (diameter -1).
+    """
     h = hash2(np.uint64(index), np.uint64(5))
+    if deep and clump[KIND] != np.float32(LINE):
+        number, size = leaf_detail(clump[COUNT], leaf_diameter, np.float32(2) * sample_edge, h)
+        return number, size if size > 0 else np.float32(-1)
     if clump[KIND] == np.float32(LINE):
         return line_detail(np.float32(2) * clump[RA], np.float32(2) * clump[RB], sample_edge, h)
     return leaf_detail(clump[COUNT], leaf_diameter, sample_edge, h)
 
 
-@numba.njit(inline="always")
+@numba.njit(error_model="numpy", fastmath=True)
 def clump_leaf(clump, frame, leaves, start, i, number):
     """Offset of particle ``i`` from the centre of its clump, and its row in the library."""
     bx, by, cx, cy, cz = frame
@@ -166,17 +172,21 @@ def clump_leaf(clump, frame, leaves, start, i, number):
     return x, y, z, row
 
 
-@numba.njit(inline="always")
-def jitter(field, index, i):
-    """Displacement of one leaf by the wind, m, and the change of its brightness, a share."""
-    h = hash3(field.seed, np.uint64(index), np.uint64(i))
-    u = uniform(h) - np.float32(0.5)
-    v = np.float32((h & np.uint64(0xFF)) * np.float32(1 / 255)) - np.float32(0.5)
+@numba.njit(error_model="numpy", fastmath=True)
+def jitter(field, key, i):
+    """Displacement of one leaf by the wind, m, and the change of its brightness, a share.
+
+    ``key`` is a hash of the clump or stem and of the exposure.
+    """
+    h = mix(key + np.uint64(i) * np.uint64(0x9E3779B1))
+    tenth = np.float32(1 / 65535)
+    u = np.float32(h & np.uint64(0xFFFF)) * tenth - np.float32(0.5)
+    v = np.float32(h >> np.uint64(16)) * tenth - np.float32(0.5)
     two = np.float32(2)
     return two * field.leaf * u, two * field.leaf * v, field.flutter * (u + v)
 
 
-@numba.njit(inline="always")
+@numba.njit(error_model="numpy", fastmath=True)
 def stems_in_cell(reed, row, column):
     """Number of stems in a cell of the reed raster: a Poisson number from its hash."""
     expected = reed.density[row, column] * reed.step * reed.step
@@ -193,7 +203,7 @@ def stems_in_cell(reed, row, column):
     return number
 
 
-@numba.njit(inline="always")
+@numba.njit(error_model="numpy", fastmath=True)
 def stem(reed, row, column, i):
     """One stem: x, y, foot, height above the foot (m), green (bool), its hash."""
     h = hash2(hash3(reed.seed, np.uint64(row), np.uint64(column)), np.uint64(1000 + i))
@@ -209,7 +219,7 @@ def stem(reed, row, column, i):
     return x, y, np.float32(reed.foot[row, column]), tall, green, h
 
 
-@numba.njit(inline="always")
+@numba.njit(error_model="numpy", fastmath=True)
 def stem_detail(tall, sample_edge, h):
     """Number and diameter of the particles of one stem."""
     area = np.float32(_STEM_AREA) * tall / np.float32(2.5)
@@ -217,7 +227,7 @@ def stem_detail(tall, sample_edge, h):
     return leaf_detail(count, np.float32(_STEM_LEAF), sample_edge, h)
 
 
-@numba.njit(inline="always")
+@numba.njit(error_model="numpy", fastmath=True)
 def stem_leaf(h, tall, i, number):
     """Offset of particle ``i`` of a stem from its foot, its normal, and its height share 0..1.
 
@@ -283,7 +293,7 @@ def stem_table(reed: ReedFields, bounds: tuple[float, float, float, float]) -> n
     return table[inside]
 
 
-@numba.njit(inline="always")
+@numba.njit(error_model="numpy", fastmath=True)
 def ground_height(terrain, x, y):
     """Height of the terrain, m: bilinear between samples at cell corners."""
     column = (x - terrain.west) / terrain.step

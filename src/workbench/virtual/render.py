@@ -195,6 +195,7 @@ class _Frame:
             np.array([camera.focal_x, camera.focal_y]) * s,
             np.array([camera.principal_x, camera.principal_y]) * s,
             np.array(camera.distortion),
+            any(camera.distortion[5:]),
             float((np.square(rays[:, :2]).sum(axis=1)).max() * _FARTHEST_RADIUS + 0.02),
         )
         return cls(camera, view, s, 1 / (focal * s), float(reach.min() / focal), footprint)
@@ -240,7 +241,7 @@ def _render_tile(tools: _Tools, window: tuple[int, int, int, int], results: dict
     splat.paint_trees(world, tools.field, tools.light, view, scale, np.flatnonzero(near), tile)
     splat.paint_reed(world, tools.field, tools.light, view, scale, _reed_window(world, tile, view), tile)
     cover = np.zeros(shape, dtype=np.uint8)
-    splat.paint_ground(world, surface, tools.light, tools.waves, view, scale, cover, tile)
+    splat.paint_ground(world, surface, tools.light, tools.waves, view, scale, s, cover, tile)
     splat.resolve(
         tile,
         cover,

@@ -26,6 +26,8 @@ _MOSS = np.array([0.055, 0.075, 0.022, 0.30], dtype=np.float32)
 _ASPHALT = np.array([0.205, 0.200, 0.205, 0.225], dtype=np.float32)
 _GRAVEL = np.array([0.320, 0.275, 0.235, 0.345], dtype=np.float32)
 _MUD = np.array([0.235, 0.200, 0.145, 0.270], dtype=np.float32)
+_TAPS = np.array([[0.41, 0.0], [-0.52, 0.48], [0.08, -0.91]], dtype=np.float32)
+_PLAIN = np.float32(0.5)
 _WHITE, _BLACK = np.float32(0.80), np.float32(0.03)
 # An F that reads right only if nothing is mirrored; rows from north to south, columns from west to east.
 _LETTER = np.array(
@@ -78,7 +80,7 @@ def coarsen(top: np.ndarray) -> np.ndarray:
     return np.max(shifts, axis=0)
 
 
-@numba.njit(inline="always")
+@numba.njit(error_model="numpy", fastmath=True)
 def _highest(light, column, row):
     i, j = int(np.floor(row)), int(np.floor(column))
     if i < 0 or j < 0 or i >= light.top.shape[0] or j >= light.top.shape[1]:
@@ -86,7 +88,7 @@ def _highest(light, column, row):
     return light.top[i, j]
 
 
-@numba.njit(inline="always")
+@numba.njit(error_model="numpy", fastmath=True)
 def sunlit_leaf(light, x, y, z):
     """Share of the sun that reaches a leaf: less the deeper it lies below the outermost leaves."""
     column = (x - z * light.shear_x - light.west) / light.cell
@@ -97,7 +99,7 @@ def sunlit_leaf(light, x, y, z):
     return np.float32(0.42) * np.float32(math.exp(-below * np.float32(0.55)))
 
 
-@numba.njit(inline="always")
+@numba.njit(error_model="numpy", fastmath=True)
 def sunlit_ground(light, x, y, z, h):
     """Share of the sun that reaches the ground or a wall; half-shadow widens with the distance."""
     column = (x - z * light.shear_x - light.west) / light.cell
@@ -110,20 +112,27 @@ def sunlit_ground(light, x, y, z, h):
     if over < np.float32(_GROUND_BIAS):
         return np.float32(1)
     spread = np.float32(0.5) + np.float32(0.5 * _SUN_WIDTH) * over / (light.sun[2] * light.cell)
-    lit = np.float32(0)
+    # Three taps on a spiral, turned by a random angle, cover the half-shadow.
     turn = np.float32(6.2832) * uniform(h)
+    c, s = spread * np.float32(math.cos(turn)), spread * np.float32(math.sin(turn))
+    lit = np.float32(0)
     for tap in range(3):
-        reach = spread * np.float32(math.sqrt((tap + 0.5) / 3.0))
-        angle = turn + np.float32(2.4) * np.float32(tap)
-        c = column + reach * np.float32(math.cos(angle))
-        r = row + reach * np.float32(math.sin(angle))
-        if _highest(light, c, r) <= limit:
+        a, b = _TAPS[tap, 0], _TAPS[tap, 1]
+        if _highest(light, column + a * c - b * s, row + a * s + b * c) <= limit:
             lit += np.float32(1)
     return lit / np.float32(3)
 
 
-@numba.njit(inline="always")
-def shade_leaf(light, colour, bright, sunlit, open_sky, normal, view, out):
+@numba.njit(error_model="numpy", fastmath=True)
+def half_vector(light, view):
+    """Unit vector halfway between the camera and the sun: what a mirror would have to face."""
+    x, y, z = view[0] + light.sun[0], view[1] + light.sun[1], view[2] + light.sun[2]
+    scale = np.float32(1) / np.float32(math.sqrt(x * x + y * y + z * z + np.float32(1e-6)))
+    return x * scale, y * scale, z * scale
+
+
+@numba.njit(error_model="numpy", fastmath=True)
+def shade_leaf(light, colour, bright, sunlit, open_sky, normal, view, halfway, out):
     """Radiance of a leaf: reflected on the lit side, transmitted on the other, sheen towards the sun."""
     facing = normal[0] * light.sun[0] + normal[1] * light.sun[1] + normal[2] * light.sun[2]
     seen = normal[0] * view[0] + normal[1] * view[1] + normal[2] * view[2]
@@ -131,10 +140,7 @@ def shade_leaf(light, colour, bright, sunlit, open_sky, normal, view, out):
     strength = np.float32(0.22) + np.float32(0.78) * abs(facing)
     if not same:
         strength *= np.float32(0.55)
-    hx, hy, hz = view[0] + light.sun[0], view[1] + light.sun[1], view[2] + light.sun[2]
-    half = abs(hx * normal[0] + hy * normal[1] + hz * normal[2]) / np.float32(
-        math.sqrt(hx * hx + hy * hy + hz * hz)
-    )
+    half = abs(halfway[0] * normal[0] + halfway[1] * normal[1] + halfway[2] * normal[2])
     sheen = np.float32(0)
     if same and half > np.float32(0.8):
         s = half * half * half * half
@@ -150,12 +156,12 @@ def shade_leaf(light, colour, bright, sunlit, open_sky, normal, view, out):
         out[band] += sheen * light.direct[band]
 
 
-@numba.njit(inline="always")
-def ground_cover(world, textures, x, y, z, footprint):
-    """Land cover code of bare ground at a place."""
+@numba.njit(error_model="numpy", fastmath=True)
+def ground_cover(world, textures, x, y, z, level):
+    """Land cover code of bare ground at a place; ``level`` of the finest texture."""
     terrain = world.terrain
     column, row = (x - terrain.west) / terrain.step, (y - terrain.south) / terrain.step
-    ragged = sample(textures, NOISE, x, y, np.float32(0.004), level_of(footprint, np.float32(0.004)))
+    ragged = sample(textures, NOISE, x, y, np.float32(0.008), level - np.float32(1))
     if bilinear(world.ground.road, column, row) < np.float32(0.03) * ragged:
         return Cover.ROAD.value
     if bilinear(world.ground.path, column, row) < np.float32(0.10) * ragged:
@@ -168,13 +174,36 @@ def ground_cover(world, textures, x, y, z, footprint):
     return Cover.MEADOW.value
 
 
-@numba.njit
-def ground_colour(textures, cover, x, y, footprint, out):
-    """Reflectance of bare ground: material, its own texture, and mottling at three scales."""
+@numba.njit(error_model="numpy", fastmath=True)
+def plain_cover(world, x, y, z):
+    """Land cover code where no border is within about half a metre, otherwise -1."""
+    terrain, level = world.terrain, np.float32(world.water_level)
+    column, row = (x - terrain.west) / terrain.step, (y - terrain.south) / terrain.step
+    road = bilinear(world.ground.road, column, row)
+    path = bilinear(world.ground.path, column, row)
+    if road < -_PLAIN:
+        return Cover.ROAD.value
+    if road < _PLAIN or abs(path) < _PLAIN:
+        return -1
+    if path < 0:
+        return Cover.PATH.value
+    height = bilinear(terrain.height, column, row)
+    if height < level - np.float32(0.1):
+        return Cover.WATER.value
+    floor = bilinear(world.ground.floor, column, row)
+    if z < level + np.float32(0.5) or abs(floor - np.float32(0.5)) < np.float32(0.42):
+        return -1
+    return Cover.FOREST_FLOOR.value if floor > np.float32(0.5) else Cover.MEADOW.value
+
+
+@numba.njit(error_model="numpy", fastmath=True)
+def ground_colour(textures, cover, x, y, level, out):
+    """Reflectance of bare ground: material, its own texture, and mottling at three scales; ``level`` of the finest.
+
+    The levels of the coarser scales follow from the ratio of their texels to the finest, log2.
+    """
     # Bent coordinates: the finest tile repeats nowhere exactly.
-    big_level = level_of(footprint, np.float32(0.31))
-    mid_level = level_of(footprint, np.float32(0.037))
-    fine_level = level_of(footprint, np.float32(TEXEL))
+    big_level, mid_level, fine_level = level - np.float32(6.276), level - np.float32(3.209), level
     xr, yr = x * np.float32(0.8) - y * np.float32(0.6), x * np.float32(0.6) + y * np.float32(0.8)
     xs, ys = x * np.float32(0.39) + y * np.float32(0.92), y * np.float32(0.39) - x * np.float32(0.92)
     big = sample(textures, NOISE, xs, ys, np.float32(0.31), big_level)
@@ -201,7 +230,7 @@ def ground_colour(textures, cover, x, y, footprint, out):
     else:
         fine = sample(textures, GRASS, xf, yf, np.float32(TEXEL), fine_level)
         # Tufts: the same blades at three times the size, in another direction.
-        tuft = sample(textures, GRASS, yr, xr, np.float32(0.0131), level_of(footprint, np.float32(0.0131)))
+        tuft = sample(textures, GRASS, yr, xr, np.float32(0.0131), level - np.float32(1.711))
         dry = min(max(np.float32(0.22) * big + np.float32(0.16) * mid + np.float32(0.06), np.float32(0)), one)
         weed = min(max(np.float32(0.5) * mid - np.float32(0.45) * big - np.float32(0.45), np.float32(0)), one)
         value = one + np.float32(0.24) * fine + np.float32(0.12) * tuft + np.float32(0.07) * mid
@@ -211,7 +240,7 @@ def ground_colour(textures, cover, x, y, footprint, out):
             out[band] = (base + weed * (_CLOVER[band] - base)) * value
 
 
-@numba.njit
+@numba.njit(error_model="numpy", fastmath=True)
 def target_colour(world, x, y, out):
     """Whether a place lies on a target; then its reflectance is written."""
     for k in range(world.targets.shape[0]):
@@ -233,7 +262,7 @@ def target_colour(world, x, y, out):
     return False
 
 
-@numba.njit
+@numba.njit(error_model="numpy", fastmath=True)
 def solid_colour(world, textures, body, plane, x, y, z, footprint, out):
     """Reflectance of a hard body: roofs with rows of tiles, stone with speckle, smooth paint."""
     solids = world.solids
@@ -272,7 +301,7 @@ def solid_colour(world, textures, body, plane, x, y, z, footprint, out):
             out[band] = np.float32(0.04)
 
 
-@numba.njit(inline="always")
+@numba.njit(error_model="numpy", fastmath=True)
 def place_hash(x, y):
     """Hash of a place to a tenth of a millimetre, so that dither does not depend on tiles."""
     return hash2(np.uint64(np.int64(np.floor(x * 1e4))), np.uint64(np.int64(np.floor(y * 1e4))))
@@ -284,6 +313,7 @@ def cover_below(world, textures, x, y, footprint):
     codes = np.zeros((y.size, x.size), dtype=np.uint8)
     colour = np.zeros(4, dtype=np.float32)
     terrain = world.terrain
+    level = level_of(np.float32(footprint), np.float32(TEXEL))
     for i in range(y.size):
         for j in range(x.size):
             xf, yf = np.float32(x[j]), np.float32(y[i])
@@ -294,5 +324,5 @@ def cover_below(world, textures, x, y, footprint):
             elif target_colour(world, x[j], y[i], colour):
                 codes[i, j] = Cover.TARGET.value
             else:
-                codes[i, j] = ground_cover(world, textures, xf, yf, z, np.float32(footprint))
+                codes[i, j] = ground_cover(world, textures, xf, yf, z, level)
     return codes

@@ -42,7 +42,7 @@ def empty_solids() -> Solids:
     )
 
 
-@numba.njit
+@numba.njit(error_model="numpy", fastmath=True)
 def hit_solid(solids, body, ox, oy, oz, dx, dy, dz):
     """Where the line ``o + t d`` enters and leaves a body: t of both and the row of the plane entered.
 

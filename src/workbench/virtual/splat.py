@@ -39,7 +39,9 @@ from workbench.virtual.particles import (
 from workbench.virtual.shade import (
     ground_colour,
     ground_cover,
+    half_vector,
     place_hash,
+    plain_cover,
     shade_leaf,
     solid_colour,
     sunlit_ground,
@@ -47,11 +49,14 @@ from workbench.virtual.shade import (
     target_colour,
 )
 from workbench.virtual.solids import hit_solid
+from workbench.virtual.texture import TEXEL, level_of
 from workbench.virtual.trees3d import AO, KIND, LINE, RA, RB, RC, SHADE, X, Y, Z
 from workbench.virtual.water import shade_water
 from workbench.virtual.wind import gust, own_sway
 from workbench.virtual.world import Cover
 
+_DEEP = 0.72
+"""Share of the sky below which foliage is drawn with fewer and larger particles: crowns hide most of it."""
 _WOOD = np.array([0.150, 0.130, 0.110, 0.26], dtype=np.float32)
 _DEAD_WOOD = np.array([0.26, 0.24, 0.22, 0.34], dtype=np.float32)
 _REED_GREEN = np.array([0.092, 0.135, 0.042, 0.40], dtype=np.float32)
@@ -72,6 +77,8 @@ class View(NamedTuple):
     """(2,) principal point, subpixels from the corner of the first."""
     distortion: np.ndarray
     """(8,) k1 k2 p1 p2 k3 k4 k5 k6."""
+    rational: bool
+    """Whether k4, k5 or k6 differ from 0."""
     limit: float
     """Largest squared radius in the plane z = 1 that the photograph holds, with a margin."""
 
@@ -93,7 +100,7 @@ class Tile(NamedTuple):
     """(rows, columns, 3) float64: where the ray meets the ground, local m."""
 
 
-@numba.njit(inline="always")
+@numba.njit(error_model="numpy", fastmath=True)
 def to_image(view, x, y, z):
     """Subpixel column, row and depth of a local point; depth -1 where it is behind or far outside."""
     dx, dy, dz = x - view.centre[0], y - view.centre[1], z - view.centre[2]
@@ -106,14 +113,11 @@ def to_image(view, x, y, z):
     r2 = u * u + v * v
     if r2 > view.limit:
         return 0.0, 0.0, -1.0
-    k = view.distortion
-    radial = (1 + r2 * (k[0] + r2 * (k[1] + r2 * k[4]))) / (1 + r2 * (k[5] + r2 * (k[6] + r2 * k[7])))
-    du = u * radial + 2 * k[2] * u * v + k[3] * (r2 + 2 * u * u)
-    dv = v * radial + k[2] * (r2 + 2 * v * v) + 2 * k[3] * u * v
-    return view.focal[0] * du + view.principal[0], view.focal[1] * dv + view.principal[1], w
+    column, row = _image_of(view, u, v, 1.0)
+    return column, row, w
 
 
-@numba.njit(nogil=True, cache=True)
+@numba.njit(nogil=True, cache=True, error_model="numpy", fastmath=True)
 def meet_ground(world, view, rays, step, tile):
     """Where the rays of all subpixels meet land or lake: fills ``place`` and ``depth``.
 
@@ -162,7 +166,7 @@ def meet_ground(world, view, rays, step, tile):
                 tile.place[i, j, k] = (low + high) / total
 
 
-@numba.njit(nogil=True, cache=True)
+@numba.njit(nogil=True, cache=True, error_model="numpy", fastmath=True)
 def paint_solids(world, textures, light, view, scale, chosen, tile):
     """Bodies that are nearer than what a subpixel shows so far."""
     rows, columns = tile.depth.shape
@@ -207,29 +211,21 @@ def paint_solids(world, textures, light, view, scale, chosen, tile):
                 tile.owner[i, j] = SOLID - body
 
 
-@numba.njit
-def _nearer(tile, column, row, depth, radius):
-    """Whether any subpixel near the middle of a particle would show it."""
-    rows, columns = tile.depth.shape
-    i0, i1 = max(int(math.floor(row - radius)), 0), min(int(math.floor(row + radius)) + 1, rows)
-    j0, j1 = max(int(math.floor(column - radius)), 0), min(int(math.floor(column + radius)) + 1, columns)
-    for i in range(i0, i1):
-        for j in range(j0, j1):
-            if depth < tile.depth[i, j]:
-                return True
-    return False
-
-
-@numba.njit
+@numba.njit(error_model="numpy", fastmath=True)
 def _paint(tile, column, row, depth, radius, tilt, owner, out):
     """Write a particle where it is nearest: an ellipse whose short axis is the tilt of the leaf."""
     rows, columns = tile.depth.shape
     if radius <= 0:
-        i, j = int(math.floor(row)), int(math.floor(column))
-        tile.depth[i, j] = depth
-        tile.owner[i, j] = owner
-        for band in range(4):
-            tile.colour[i, j, band] = out[band]
+        # One sample, or a block of 2 x 2 that is cut at the border of the tile as everything is.
+        i1 = min(int(math.floor(row)) + (1 if radius == 0 else 2), rows)
+        j1 = min(int(math.floor(column)) + (1 if radius == 0 else 2), columns)
+        for i in range(max(int(math.floor(row)), 0), i1):
+            for j in range(max(int(math.floor(column)), 0), j1):
+                if depth < tile.depth[i, j]:
+                    tile.depth[i, j] = depth
+                    tile.owner[i, j] = owner
+                    for band in range(4):
+                        tile.colour[i, j, band] = out[band]
         return
     tx, ty, squeeze = tilt
     i0, i1 = max(int(math.floor(row - radius)), 0), min(int(math.floor(row + radius)) + 1, rows)
@@ -248,7 +244,7 @@ def _paint(tile, column, row, depth, radius, tilt, owner, out):
                     tile.colour[i, j, band] = out[band]
 
 
-@numba.njit(inline="always")
+@numba.njit(error_model="numpy", fastmath=True)
 def _tilt(view, normal):
     """Direction in the image in which a leaf looks narrow, and one over its apparent width."""
     m = view.rotation
@@ -261,7 +257,7 @@ def _tilt(view, normal):
     return a / flat, b / flat, np.float32(1) / max(narrow, np.float32(0.25))
 
 
-@numba.njit(inline="always")
+@numba.njit(error_model="numpy", fastmath=True)
 def _towards(view, x, y, z):
     """Unit vector from a point to the camera."""
     dx, dy, dz = view.centre[0] - x, view.centre[1] - y, view.centre[2] - z
@@ -269,7 +265,7 @@ def _towards(view, x, y, z):
     return np.float32(dx * n), np.float32(dy * n), np.float32(dz * n)
 
 
-@numba.njit(inline="always")
+@numba.njit(error_model="numpy", fastmath=True)
 def _canopy_shade(world, x, y, z):
     """Share of the sky that neighbouring crowns leave to a place at height z, 0.2..1."""
     terrain = world.terrain
@@ -282,7 +278,7 @@ def _canopy_shade(world, x, y, z):
     )
 
 
-@numba.njit(inline="always")
+@numba.njit(error_model="numpy", fastmath=True)
 def bilinear_pair(a, b, column, row):
     """Nearest value of the sum of two rasters."""
     i = min(max(int(row + np.float32(0.5)), 0), a.shape[0] - 1)
@@ -290,7 +286,7 @@ def bilinear_pair(a, b, column, row):
     return a[i, j] + b[i, j]
 
 
-@numba.njit(inline="always")
+@numba.njit(error_model="numpy", fastmath=True)
 def bilinear_one(a, column, row):
     """Nearest value of a raster."""
     i = min(max(int(row + np.float32(0.5)), 0), a.shape[0] - 1)
@@ -298,20 +294,60 @@ def bilinear_one(a, column, row):
     return a[i, j]
 
 
-@numba.njit(nogil=True, cache=True)
+@numba.njit(error_model="numpy", fastmath=True)
+def _image_of(view, a, b, w):
+    """Subpixel column and row of camera coordinates in front of the camera."""
+    u, v = a / w, b / w
+    k = view.distortion
+    r2 = u * u + v * v
+    radial = 1 + r2 * (k[0] + r2 * (k[1] + r2 * k[4]))
+    if view.rational:
+        radial /= 1 + r2 * (k[5] + r2 * (k[6] + r2 * k[7]))
+    du = u * radial + 2 * k[2] * u * v + k[3] * (r2 + 2 * u * u)
+    dv = v * radial + k[2] * (r2 + 2 * v * v) + 2 * k[3] * u * v
+    return view.focal[0] * du + view.principal[0], view.focal[1] * dv + view.principal[1]
+
+
+@numba.njit(error_model="numpy", fastmath=True)
+def _hidden(tile, column, row, depth, radius):
+    """Whether nothing of a particle would show: it lies outside the tile or behind what is there."""
+    rows, columns = tile.depth.shape
+    if radius == 0:
+        if column < 0 or row < 0 or column >= columns or row >= rows:
+            return True
+        return depth >= tile.depth[int(row), int(column)]
+    if radius < 0:
+        i, j = int(math.floor(row)), int(math.floor(column))
+        if i < -1 or j < -1 or i >= rows or j >= columns:
+            return True
+        for k in range(max(i, 0), min(i + 2, rows)):
+            for n in range(max(j, 0), min(j + 2, columns)):
+                if depth < tile.depth[k, n]:
+                    return False
+        return True
+    if column + radius < 0 or row + radius < 0 or column - radius >= columns or row - radius >= rows:
+        return True
+    i0, i1 = max(int(row - radius), 0), min(int(row + radius) + 1, rows)
+    j0, j1 = max(int(column - radius), 0), min(int(column + radius) + 1, columns)
+    for i in range(i0, i1):
+        for j in range(j0, j1):
+            if depth < tile.depth[i, j]:
+                return False
+    return True
+
+
+@numba.njit(nogil=True, cache=True, error_model="numpy", fastmath=True)
 def paint_trees(world, wind, light, view, scale, chosen, tile):
     """Leaves, branches and stems of the chosen trees."""
     rows, columns = tile.depth.shape
-    plants = world.plants
+    plants, m = world.plants, view.rotation
     out = np.zeros(4, dtype=np.float32)
-    focal = np.float32(0.5 * (view.focal[0] + view.focal[1]))
+    focal = 0.5 * (view.focal[0] + view.focal[1])
     for index in chosen:
         tree = plants.trees[index]
         sway_x, sway_y = own_sway(wind, np.uint64(index))
         first = int(tree[FIRST])
-        dead = world.tree_cover[index] == Cover.DEAD_TREE.value
-        colour = tree[TRED : TRED + 4]
-        wood = _DEAD_WOOD if dead else _WOOD
+        wood = _DEAD_WOOD if world.tree_cover[index] == Cover.DEAD_TREE.value else _WOOD
         for c in range(first, first + int(tree[CLUMPS])):
             clump = plants.clumps[c]
             lift = min(max(clump[Z] / tree[TH], np.float32(0)), np.float32(1))
@@ -330,52 +366,53 @@ def paint_trees(world, wind, light, view, scale, chosen, tile):
             if column + reach < 0 or row + reach < 0 or column - reach > columns or row - reach > rows:
                 continue
             frame = clump_frame(clump)
-            number, size = clump_particles(clump, c, tree[LEAF], edge)
+            shaded = _canopy_shade(world, x, y, z)
+            number, size = clump_particles(clump, c, tree[LEAF], edge, shaded < np.float32(_DEEP))
             start = int(hash2(np.uint64(c), np.uint64(9)))
+            key = hash2(wind.seed, np.uint64(c))
             is_wood = clump[KIND] == np.float32(LINE)
+            tone = wood if is_wood else tree[TRED : TRED + 4]
             toward = _towards(view, x, y, z)
-            open_sky = clump[AO] * _canopy_shade(world, x, y, z)
+            half = half_vector(light, toward)
+            open_sky = clump[AO] * shaded
+            dx, dy, dz = x - view.centre[0], y - view.centre[1], z - view.centre[2]
+            ca = m[0, 0] * dx + m[0, 1] * dy + m[0, 2] * dz
+            cb = m[1, 0] * dx + m[1, 1] * dy + m[1, 2] * dz
+            cw = m[2, 0] * dx + m[2, 1] * dy + m[2, 2] * dz
             for i in range(number):
                 ox, oy, oz, leaf = clump_leaf(clump, frame, plants.leaves, start, i, number)
-                jx, jy, flutter = jitter(wind, c, i)
-                if is_wood:
-                    jx, jy, flutter = np.float32(0), np.float32(0), np.float32(0)
-                px, py, pz = x + ox + jx, y + oy + jy, z + oz
-                pc, pr, depth = to_image(view, px, py, pz)
+                flutter = np.float32(0)
+                if not is_wood:
+                    jx, jy, flutter = jitter(wind, key, i)
+                    ox += jx
+                    oy += jy
+                a = ca + m[0, 0] * ox + m[0, 1] * oy + m[0, 2] * oz
+                b = cb + m[1, 0] * ox + m[1, 1] * oy + m[1, 2] * oz
+                w = cw + m[2, 0] * ox + m[2, 1] * oy + m[2, 2] * oz
+                pc, pr = _image_of(view, a, b, w)
                 pc -= tile.column
                 pr -= tile.row
-                radius = np.float32(0.5 * size * focal / depth) if depth > 0 else np.float32(0)
-                if (
-                    depth < 0
-                    or pc + radius < 0
-                    or pr + radius < 0
-                    or pc - radius >= columns
-                    or pr - radius >= rows
-                ):
-                    continue
-                near = np.float32(depth)
-                if not _nearer(tile, pc, pr, near, radius):
+                radius, near = 0.5 * size * focal / w, np.float32(w)
+                if _hidden(tile, pc, pr, near, radius):
                     continue
                 n = plants.leaves.normal[leaf]
                 normal = (n[0], n[1], n[2])
-                lit = sunlit_leaf(light, px, py, pz)
+                lit = sunlit_leaf(light, x + ox, y + oy, z + oz)
                 bright = clump[SHADE] * plants.leaves.bright[leaf] * (np.float32(1) + flutter)
-                tone = wood if is_wood else colour
-                shade_leaf(light, tone, bright, lit, open_sky, normal, toward, out)
-                if is_wood:
-                    tilt = (np.float32(1), np.float32(0), np.float32(1))
-                else:
+                shade_leaf(light, tone, bright, lit, open_sky, normal, toward, half, out)
+                tilt = (np.float32(1), np.float32(0), np.float32(1))
+                if radius > 0 and not is_wood:
                     tilt = _tilt(view, normal)
                 _paint(tile, pc, pr, near, radius, tilt, index, out)
 
 
-@numba.njit(nogil=True, cache=True)
+@numba.njit(nogil=True, cache=True, error_model="numpy", fastmath=True)
 def paint_reed(world, wind, light, view, scale, window, tile):
     """Stems of the reed cells within (first row, last row, first column, last column)."""
     rows, columns = tile.depth.shape
-    reed = world.reed
+    reed, m = world.reed, view.rotation
     out = np.zeros(4, dtype=np.float32)
-    focal = np.float32(0.5 * (view.focal[0] + view.focal[1]))
+    focal = 0.5 * (view.focal[0] + view.focal[1])
     i0, i1, j0, j1 = window
     for i in range(i0, i1):
         for j in range(j0, j1):
@@ -383,91 +420,128 @@ def paint_reed(world, wind, light, view, scale, window, tile):
                 continue
             cx = reed.west + (j + 0.5) * reed.step
             cy = reed.south + (i + 0.5) * reed.step
-            # Nothing of a cell is farther from the middle of its stems than this, in metres.
             column, row, depth = to_image(view, cx, cy, reed.foot[i, j] + 0.5 * reed.height[i, j])
             if depth < 0:
                 continue
             edge = np.float32(depth * scale)
+            # Nothing of a cell is farther from the middle of its stems than this, in metres.
             reach = (0.8 * reed.height[i, j] + 1.5) / edge
             column, row = column - tile.column, row - tile.row
             if column + reach < 0 or row + reach < 0 or column - reach > columns or row - reach > rows:
                 continue
             crowd = min(reed.density[i, j] / np.float32(45), np.float32(1))
             toward = _towards(view, cx, cy, reed.foot[i, j] + reed.height[i, j])
+            half = half_vector(light, toward)
             for s in range(stems_in_cell(reed, i, j)):
                 x, y, foot, tall, green, h = stem(reed, i, j, s)
                 gx, gy = gust(wind, x, y)
                 number, size = stem_detail(tall, edge, h)
+                key = hash2(wind.seed, h)
                 tone = _REED_GREEN if green else _REED_BROWN
-                own = np.float32(0.8) + np.float32(0.4) * np.float32((h & np.uint64(0xFF)) / 255.0)
+                own = np.float32(0.8) + np.float32(0.4) * np.float32(h & np.uint64(0xFF)) / np.float32(255)
+                dx, dy, dz = x - view.centre[0], y - view.centre[1], foot - view.centre[2]
+                ca = m[0, 0] * dx + m[0, 1] * dy + m[0, 2] * dz
+                cb = m[1, 0] * dx + m[1, 1] * dy + m[1, 2] * dz
+                cw = m[2, 0] * dx + m[2, 1] * dy + m[2, 2] * dz
                 for k in range(number):
                     ox, oy, oz, nx, ny, nz, share, part = stem_leaf(h, tall, k, number)
                     lift = share * np.float32(math.sqrt(share)) * wind.reed
-                    jx, jy, flutter = jitter(wind, h, k)
-                    px, py, pz = x + ox + gx * lift + jx, y + oy + gy * lift + jy, foot + oz
-                    pc, pr, depth = to_image(view, px, py, pz)
+                    jx, jy, flutter = jitter(wind, key, k)
+                    ox, oy = ox + gx * lift + jx, oy + gy * lift + jy
+                    a = ca + m[0, 0] * ox + m[0, 1] * oy + m[0, 2] * oz
+                    b = cb + m[1, 0] * ox + m[1, 1] * oy + m[1, 2] * oz
+                    w = cw + m[2, 0] * ox + m[2, 1] * oy + m[2, 2] * oz
+                    pc, pr = _image_of(view, a, b, w)
                     pc -= tile.column
                     pr -= tile.row
-                    radius = np.float32(0.5 * size * focal / depth) if depth > 0 else np.float32(0)
-                    if depth < 0 or pc + radius < 0 or pr + radius < 0:
-                        continue
-                    if pc - radius >= columns or pr - radius >= rows:
-                        continue
-                    near = np.float32(depth)
-                    if not _nearer(tile, pc, pr, near, radius):
+                    radius, near = 0.5 * size * focal / w, np.float32(w)
+                    if _hidden(tile, pc, pr, near, radius):
                         continue
                     normal = (nx, ny, nz)
-                    lit = sunlit_leaf(light, px, py, pz)
+                    lit = sunlit_leaf(light, x + ox, y + oy, foot + oz)
                     sunk = np.float32(1) - np.float32(0.75) * crowd * (np.float32(1) - share)
                     colour = _PANICLE if part == 1 else tone
-                    shade_leaf(light, colour, own * (1 + flutter), lit, sunk, normal, toward, out)
+                    shade_leaf(light, colour, own * (1 + flutter), lit, sunk, normal, toward, half, out)
                     _paint(tile, pc, pr, near, radius, _tilt(view, normal), REED, out)
 
 
-@numba.njit(nogil=True, cache=True)
-def paint_ground(world, textures, light, waves, view, scale, cover, tile):
-    """Land and lake where nothing stands in front; ``cover`` receives their codes."""
+@numba.njit(nogil=True, cache=True, error_model="numpy", fastmath=True)
+def paint_ground(world, textures, light, waves, view, scale, s, cover, tile):
+    """Land and lake where nothing stands in front; ``cover`` receives their codes.
+
+    What changes slowly (slope, share of the sky, nearness of a target) is found once a pixel, the rest
+    for each of its ``s`` x ``s`` subpixels.
+    """
     rows, columns = tile.depth.shape
     base = np.zeros(4, dtype=np.float32)
-    level = world.water_level
-    terrain = world.terrain
-    for i in range(rows):
-        for j in range(columns):
-            if tile.owner[i, j] != NOTHING:
+    for top in range(0, rows, s):
+        for left in range(0, columns, s):
+            bare = 0
+            for i in range(top, top + s):
+                for j in range(left, left + s):
+                    bare += tile.owner[i, j] == NOTHING
+            if bare == 0:
                 continue
-            x, y, z = tile.place[i, j, 0], tile.place[i, j, 1], tile.place[i, j, 2]
-            xf, yf, zf = np.float32(x), np.float32(y), np.float32(z)
-            footprint = np.float32(tile.depth[i, j] * scale)
-            lit = sunlit_ground(light, xf, yf, zf, place_hash(x, y))
+            x, y, z = tile.place[top, left, 0], tile.place[top, left, 1], tile.place[top, left, 2]
+            xf, yf = np.float32(x), np.float32(y)
+            facing = _facing(world.terrain, light, xf, yf)
+            sky = _canopy_shade(world, xf, yf, np.float32(z))
             toward = _towards(view, x, y, z)
-            if z <= level + 1e-3 and ground_height(terrain, xf, yf) < level:
-                shade_water(world, light, textures, waves, xf, yf, toward, footprint, lit, base)
-                cover[i, j] = Cover.WATER.value
-                for band in range(4):
-                    tile.colour[i, j, band] = base[band]
-                continue
-            if target_colour(world, x, y, base):
-                code = Cover.TARGET.value
-            else:
-                code = ground_cover(world, textures, xf, yf, zf, footprint)
-                ground_colour(textures, code, xf, yf, footprint, base)
-            cover[i, j] = code
-            east = ground_height(terrain, xf + terrain.step, yf) - ground_height(
-                terrain, xf - terrain.step, yf
-            )
-            north = ground_height(terrain, xf, yf + terrain.step) - ground_height(
-                terrain, xf, yf - terrain.step
-            )
-            gx, gy = -east / (2 * terrain.step), -north / (2 * terrain.step)
-            length = np.float32(math.sqrt(gx * gx + gy * gy + 1))
-            facing = max((gx * light.sun[0] + gy * light.sun[1] + light.sun[2]) / length, np.float32(0))
-            sky = _canopy_shade(world, xf, yf, zf)
-            for band in range(4):
-                incoming = light.direct[band] * facing * lit + light.diffuse[band] * sky
-                tile.colour[i, j, band] = base[band] * incoming
+            footprint = np.float32(tile.depth[top, left] * scale)
+            level = level_of(footprint, np.float32(TEXEL))
+            signal = _target_near(world, x, y, s * footprint)
+            plain = plain_cover(world, xf, yf, np.float32(z)) if s * footprint < 0.2 else -1
+            for i in range(top, top + s):
+                for j in range(left, left + s):
+                    if tile.owner[i, j] != NOTHING:
+                        continue
+                    x, y, z = tile.place[i, j, 0], tile.place[i, j, 1], np.float32(tile.place[i, j, 2])
+                    xf, yf = np.float32(x), np.float32(y)
+                    lit = sunlit_ground(light, xf, yf, z, place_hash(x, y))
+                    code = plain
+                    if code < 0 and z <= world.water_level + 1e-3:
+                        if ground_height(world.terrain, xf, yf) < world.water_level:
+                            code = Cover.WATER.value
+                    if code == Cover.WATER.value:
+                        shade_water(world, light, textures, waves, xf, yf, toward, footprint, lit, base)
+                        cover[i, j] = code
+                        for band in range(4):
+                            tile.colour[i, j, band] = base[band]
+                        continue
+                    if signal and target_colour(world, x, y, base):
+                        code = Cover.TARGET.value
+                    else:
+                        if code < 0:
+                            code = ground_cover(world, textures, xf, yf, z, level)
+                        ground_colour(textures, code, xf, yf, level, base)
+                    cover[i, j] = code
+                    for band in range(4):
+                        incoming = light.direct[band] * facing * lit + light.diffuse[band] * sky
+                        tile.colour[i, j, band] = base[band] * incoming
 
 
-@numba.njit(nogil=True, cache=True)
+@numba.njit(error_model="numpy", fastmath=True)
+def _facing(terrain, light, x, y):
+    """Cosine between the normal of the terrain and the sun, not below 0."""
+    step = terrain.step
+    east = ground_height(terrain, x + step, y) - ground_height(terrain, x - step, y)
+    north = ground_height(terrain, x, y + step) - ground_height(terrain, x, y - step)
+    gx, gy = -east / (2 * step), -north / (2 * step)
+    cosine = (gx * light.sun[0] + gy * light.sun[1] + light.sun[2]) / math.sqrt(gx * gx + gy * gy + 1)
+    return np.float32(max(cosine, 0.0))
+
+
+@numba.njit(error_model="numpy", fastmath=True)
+def _target_near(world, x, y, margin):
+    """Whether a target lies within its size and a margin of a place."""
+    for k in range(world.targets.shape[0]):
+        reach = world.targets[k, 2] + margin
+        if abs(x - world.targets[k, 0]) < reach and abs(y - world.targets[k, 1]) < reach:
+            return True
+    return False
+
+
+@numba.njit(nogil=True, cache=True, error_model="numpy", fastmath=True)
 def resolve(tile, cover, tree_cover, solid_cover, s, radiance, depth, cover_out, tree_out, row, column):
     """Average the subpixels of every pixel; depth, cover and tree are those of its central subpixel."""
     rows, columns = tile.depth.shape[0] // s, tile.depth.shape[1] // s
@@ -494,7 +568,7 @@ def resolve(tile, cover, tree_cover, solid_cover, s, radiance, depth, cover_out,
             tree_out[row + i, column + j] = owner if owner >= 0 else -1
 
 
-@numba.njit(nogil=True, cache=True)
+@numba.njit(nogil=True, cache=True, error_model="numpy", fastmath=True)
 def reach_of_trees(world, view, scale):
     """First and last row and column (n, 4), subpixels, that each tree can touch; empty if outside."""
     trees = world.plants.trees

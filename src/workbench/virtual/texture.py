@@ -45,26 +45,21 @@ def textures() -> Textures:
     return Textures(np.stack(pyramids), starts, np.array(variance, dtype=np.float32))
 
 
-@numba.njit(inline="always")
+@numba.njit(error_model="numpy", fastmath=True)
 def level_of(footprint, texel):
     """Level (a float) whose texels are as wide as the footprint, both metres."""
     return np.float32(np.log2(max(footprint / texel, np.float32(1))))
 
 
-@numba.njit(inline="always")
+@numba.njit(error_model="numpy", fastmath=True)
 def sample(textures, tile, x, y, texel, level):
-    """Texture at a place, m; blended between the two levels beside ``level``."""
-    if level >= _LEVELS - 1:
+    """Texture at a place, m, on the level nearest to ``level``."""
+    if level >= _LEVELS - 1.5:
         return np.float32(0)
-    low = int(level)
-    share = np.float32(level - low)
-    value = _sample_level(textures, tile, x, y, texel, low)
-    if share > np.float32(0.02):
-        value += share * (_sample_level(textures, tile, x, y, texel, low + 1) - value)
-    return value
+    return _sample_level(textures, tile, x, y, texel, max(int(level + np.float32(0.5)), 0))
 
 
-@numba.njit(inline="always")
+@numba.njit(error_model="numpy", fastmath=True)
 def _sample_level(textures, tile, x, y, texel, level):
     size = TILE >> level
     scale = np.float32(1) / (texel * np.float32(1 << level))

@@ -44,7 +44,9 @@ def scene_truth(scene: Scene, grid: Grid, *, parts: int = _PARTS) -> xr.Dataset:
         If the grid has another CRS than the scene.
     """
     if grid.crs != scene.crs:
-        raise RasterError(f"Grid in {grid.crs} for scene {scene.spec.name} in {scene.crs}: use the scene's CRS.")
+        raise RasterError(
+            f"Grid in {grid.crs} for scene {scene.spec.name} in {scene.crs}: use the scene's CRS."
+        )
     shape = (grid.height * parts, grid.width * parts)
     cell = grid.resolution / parts
     direction = Direction(grid.west - scene.origin[0], grid.north - scene.origin[1], cell, 0.0, 0.0)
@@ -83,9 +85,15 @@ def scene_truth(scene: Scene, grid: Grid, *, parts: int = _PARTS) -> xr.Dataset:
     layers["cover"] = new_raster(
         _commonest(codes.astype(np.uint8), grid, parts), grid, name="cover", units="1", nodata=0
     )
-    layers["tree_id"] = new_raster(_of_highest(tree, surface, grid, parts), grid, name="tree_id", units="1", nodata=0)
-    layers["stem_density"] = new_raster(density, grid, name="stem_density", units="1/m2", long_name="reed stems")
-    layers["stem_height"] = new_raster(height, grid, name="stem_height", units="m", long_name="reed above water")
+    layers["tree_id"] = new_raster(
+        _of_highest(tree, surface, grid, parts), grid, name="tree_id", units="1", nodata=0
+    )
+    layers["stem_density"] = new_raster(
+        density, grid, name="stem_density", units="1/m2", long_name="reed stems"
+    )
+    layers["stem_height"] = new_raster(
+        height, grid, name="stem_height", units="m", long_name="reed above water"
+    )
     return xr.Dataset(layers)
 
 
@@ -142,5 +150,3 @@ def _reed_on(scene: Scene, grid: Grid) -> tuple[np.ndarray, np.ndarray]:
     stands = found > 0
     height[stands] = fields.height[np.ix_(rows, columns)][stands]
     return density, height
-
-

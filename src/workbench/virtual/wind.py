@@ -147,7 +147,7 @@ def displacement(
     return np.stack([east * lift, north * lift], axis=-1)
 
 
-@numba.njit(inline="always")
+@numba.njit(error_model="numpy", fastmath=True)
 def gust(field, x, y):
     """Gusts (east, north) at a place, standard deviation 1."""
     column = (x - field.west) / field.step
@@ -155,7 +155,7 @@ def gust(field, x, y):
     return bilinear(field.east, column, row), bilinear(field.north, column, row)
 
 
-@numba.njit(inline="always")
+@numba.njit(error_model="numpy", fastmath=True)
 def own_sway(field, plant):
     """Sway (east, north) of one tree at its top, m: a sum of uniform numbers, close to normal."""
     a = uniform(hash3(field.seed, plant, 11)) + uniform(hash3(field.seed, plant, 12))
