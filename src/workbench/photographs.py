@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from pathlib import Path
 
 import cv2
@@ -13,6 +14,9 @@ from workbench.errors import SiteError
 
 # Aerial frames exceed the decompression guard of Pillow, which only reads headers here.
 Image.MAX_IMAGE_PIXELS = None
+# Photographs have no place on the ground yet; GDAL would say so at each one.
+warnings.filterwarnings("ignore", category=rasterio.errors.NotGeoreferencedWarning)
+_JPEG = frozenset({".jpg", ".jpeg"})
 
 
 def photograph_size(path: Path | str) -> tuple[int, int]:
@@ -64,7 +68,7 @@ def read_photograph(path: Path | str, downscale: int = 1) -> np.ndarray:
     if not path.exists():
         raise SiteError(f"{path}: no such photograph. Restore it or take it off the site's list.")
     flags = cv2.IMREAD_UNCHANGED | cv2.IMREAD_IGNORE_ORIENTATION
-    jpeg = path.suffix.lower() in {".jpg", ".jpeg"}
+    jpeg = path.suffix.lower() in _JPEG
     image = cv2.imread(str(path), flags) if jpeg else None
     if image is None:
         image = _read_with_gdal(path)
@@ -75,30 +79,69 @@ def read_photograph(path: Path | str, downscale: int = 1) -> np.ndarray:
     return _reduce(image, downscale, path)
 
 
-def is_complete(path: Path | str) -> bool:
-    """Whether a JPEG reaches its end marker; other formats count as complete.
+def require_complete(path: Path | str) -> None:
+    """Decode a photograph once, coarsely, to find out whether it can be decoded to its end.
 
-    A truncated JPEG decodes without an error, but grey below the break.
+    A truncated JPEG is otherwise read without an error, but grey below the break.
+
+    Raises
+    ------
+    SiteError
+        Naming the file and where it came to grief.
     """
     path = Path(path)
-    if path.suffix.lower() not in {".jpg", ".jpeg"}:
-        return True
-    with path.open("rb") as file:
-        size = file.seek(0, 2)
-        # Some cameras append previews and metadata, so the marker need not be the very last bytes.
-        file.seek(max(size - 65536, 0))
-        return b"\xff\xd9" in file.read()
+    try:
+        if path.suffix.lower() in _JPEG:
+            with Image.open(path) as image:
+                image.draft("RGB", (image.width // 8, image.height // 8))
+                image.load()
+        else:
+            with rasterio.open(path) as source:
+                for _, window in source.block_windows(1):
+                    source.read(1, window=window)
+    except (OSError, SyntaxError, rasterio.errors.RasterioError) as error:
+        raise SiteError(f"{path}: truncated or damaged ({error}). Copy it again.") from error
+
+
+def count_bands(path: Path | str) -> int:
+    """Bands that :func:`read_photograph` gives, from the header.
+
+    Raises
+    ------
+    SiteError
+        If the file is missing or no image.
+    """
+    try:
+        with rasterio.open(path) as source:
+            return len(_bands_of_light(source))
+    except rasterio.errors.RasterioError as error:
+        raise SiteError(f"{path}: not a readable image ({error}).") from error
 
 
 def _read_with_gdal(path: Path) -> np.ndarray:
     try:
         with rasterio.open(path) as source:
-            image = np.moveaxis(source.read(), 0, -1)
+            image = np.moveaxis(source.read(_bands_of_light(source)), 0, -1)
     except rasterio.errors.RasterioError as error:
         raise SiteError(f"{path}: not a readable image ({error}). Set it aside or copy it again.") from error
     if image.dtype not in (np.uint8, np.uint16):
         raise SiteError(f"{path}: pixels of type {image.dtype}; 8 or 16 bit unsigned are needed.")
     return image
+
+
+def _bands_of_light(source: rasterio.DatasetReader) -> list[int]:
+    """Bands of a file without the transparency that some programs add.
+
+    Near infrared is now and then labelled as transparency; it takes more values than all or nothing.
+    """
+    alpha = rasterio.enums.ColorInterp.alpha
+    labelled = [band for band in source.indexes if source.colorinterp[band - 1] == alpha]
+    opacity = {band for band in labelled if _all_or_nothing(source.read(band))}
+    return [band for band in source.indexes if band not in opacity]
+
+
+def _all_or_nothing(values: np.ndarray) -> bool:
+    return bool(np.all((values == 0) | (values == np.iinfo(values.dtype).max)))
 
 
 def _reduce(image: np.ndarray, downscale: int, path: Path) -> np.ndarray:

@@ -12,6 +12,7 @@ from pyproj.exceptions import CRSError
 
 from workbench.errors import SiteError
 from workbench.site.model import ControlPoint, Observation
+from workbench.site.tables import number, read_table
 
 CONTROL_HEADER = "name,x,y,z,sd_xy,sd_z,role"
 OBSERVATION_HEADER = "name,photo,column,row"
@@ -22,7 +23,8 @@ _ODM_SD = 0.05  # gcp_list.txt states no accuracy; RTK surveys of signalled poin
 def read_control(path: Path | str) -> tuple[ControlPoint, ...]:
     """Read control points from a CSV with the header ``name,x,y,z,sd_xy,sd_z,role``.
 
-    Decimal commas and semicolons are understood.
+    Decimal commas and semicolons are understood. Without a standard deviation 2 cm are taken, without
+    a role ``control``.
 
     Raises
     ------
@@ -38,8 +40,8 @@ def read_control(path: Path | str) -> tuple[ControlPoint, ...]:
             raise SiteError(f"{path}, line {line}: role '{role}'; use control, check or verify.")
         if name in points:
             raise SiteError(f"{path}, line {line}: point '{name}' occurs twice; give each its own name.")
-        x, y, z = (_number(row, key, path, line) for key in ("x", "y", "z"))
-        sd_xy, sd_z = (_number(row, key, path, line, _USUAL_SD) for key in ("sd_xy", "sd_z"))
+        x, y, z = (number(row, key, path, line) for key in ("x", "y", "z"))
+        sd_xy, sd_z = (number(row, key, path, line, _USUAL_SD) for key in ("sd_xy", "sd_z"))
         if min(sd_xy, sd_z) <= 0:
             raise SiteError(f"{path}, line {line}: standard deviations must be positive.")
         points[name] = ControlPoint(name, x, y, z, sd_xy, sd_z, role)  # type: ignore[arg-type]
@@ -57,47 +59,63 @@ def read_observations(path: Path | str) -> tuple[Observation, ...]:
     path = Path(path)
     return tuple(
         Observation(
-            row["name"], row["photo"], _number(row, "column", path, line), _number(row, "row", path, line)
+            row["name"], row["photo"], number(row, "column", path, line), number(row, "row", path, line)
         )
         for line, row in read_table(path, OBSERVATION_HEADER.split(","))
     )
 
 
 def is_gcp_list(path: Path | str) -> bool:
-    """Whether a file looks like OpenDroneMap's ``gcp_list.txt``: no CSV header, rows of 6 or more words."""
-    first = Path(path).read_text(encoding="utf-8-sig", errors="replace").lstrip().splitlines()
-    return bool(first) and "name" not in first[0].lower().replace(";", ",").split(",")
+    """Whether a file looks like OpenDroneMap's ``gcp_list.txt``: a CRS, then rows of 6 or more words.
+
+    Raises
+    ------
+    SiteError
+        If the file is missing or no text.
+    """
+    path = Path(path)
+    try:
+        lines = [line for line in path.read_text(encoding="utf-8-sig").splitlines() if line.strip()]
+    except FileNotFoundError as error:
+        raise SiteError(f"{path}: no such control file.") from error
+    except (UnicodeDecodeError, IsADirectoryError) as error:
+        raise SiteError(f"{path}: not a text file in UTF-8 ({error}).") from error
+    header = lines[0].lower().replace(";", ",").replace("\t", ",").split(",") if lines else []
+    return bool(lines) and "name" not in [word.strip() for word in header]
 
 
 def read_gcp_list(path: Path | str, crs: CRS) -> tuple[tuple[ControlPoint, ...], tuple[Observation, ...]]:
     """Read ``gcp_list.txt``: a line with the CRS, then ``x y z column row photo [name]`` rows.
 
-    Points are transformed to ``crs``; rows without a name are one point where x, y and z agree.
+    Points are transformed to ``crs``, heights are taken as they are; rows without a name are one
+    point where x, y and z agree. The file states no accuracy: 5 cm are taken.
 
     Raises
     ------
     SiteError
-        If the CRS line or a row cannot be understood.
+        If the CRS line or a row cannot be understood, a name has two places, or a place lies outside
+        of the CRS.
     """
     path = Path(path)
     lines = path.read_text(encoding="utf-8-sig").splitlines()
     transform = Transformer.from_crs(_odm_crs(lines[0], path), crs, always_xy=True)
-    points: dict[tuple[float, float, float], ControlPoint] = {}
+    names: dict[tuple[float, float, float], str] = {}
+    points: dict[str, ControlPoint] = {}
     observations = []
-    for number, text in enumerate(lines[1:], start=2):
-        words = text.split()
-        if not words or words[0].startswith("#"):
+    for line, text in enumerate(lines[1:], start=2):
+        if not text.strip() or text.lstrip().startswith("#"):
             continue
-        try:
-            x, y, z, column, row = (float(word) for word in words[:5])
-            photo = words[5]
-        except (ValueError, IndexError) as error:
-            raise SiteError(f"{path}, line {number}: expected 'x y z column row photo [name]'.") from error
-        if (x, y, z) not in points:
-            name = words[6] if len(words) > 6 else f"gcp{len(points) + 1}"
-            east, north = transform.transform(x, y)
-            points[x, y, z] = ControlPoint(name, east, north, z, _ODM_SD, _ODM_SD)
-        observations.append(Observation(points[x, y, z].name, photo, column, row))
+        place, column, row, photo, stated = _odm_row(text, path, line)
+        name = stated or names.get(place) or f"gcp{len(points) + 1}"
+        if names.setdefault(place, name) != name:
+            raise SiteError(f"{path}, line {line}: point '{name}' is '{names[place]}' on an earlier line.")
+        east, north = transform.transform(place[0], place[1])
+        point = ControlPoint(name, float(east), float(north), place[2], _ODM_SD, _ODM_SD)
+        if points.setdefault(name, point) != point:
+            raise SiteError(f"{path}, line {line}: point '{name}' has other coordinates on an earlier line.")
+        if not (abs(east) < float("inf") and abs(north) < float("inf")):
+            raise SiteError(f"{path}, line {line}: {place[0]}, {place[1]} has no place in {crs.name}.")
+        observations.append(Observation(name, photo, column, row))
     return tuple(points.values()), tuple(observations)
 
 
@@ -121,50 +139,6 @@ def render_observations(observations: tuple[Observation, ...]) -> str:
     return out.getvalue()
 
 
-def read_table(path: Path, needed: list[str]) -> list[tuple[int, dict[str, str]]]:
-    """Rows of a CSV by column name, with their line numbers.
-
-    Separators may be commas, semicolons or tabs; with semicolons or tabs decimals may be commas.
-
-    Raises
-    ------
-    SiteError
-        If the file is missing or lacks one of the needed columns.
-    """
-    try:
-        text = path.read_text(encoding="utf-8-sig")
-    except FileNotFoundError as error:
-        raise SiteError(f"{path}: no such file.") from error
-    except UnicodeDecodeError as error:
-        raise SiteError(f"{path}: not a text file in UTF-8 ({error}).") from error
-    header = text.splitlines()[0] if text.strip() else ""
-    separator = next((sign for sign in (";", "\t") if sign in header), ",")
-    reader = csv.DictReader(io.StringIO(text), delimiter=separator)
-    names = [(name or "").strip().lower() for name in reader.fieldnames or []]
-    lacking = [name for name in needed if name not in names]
-    if lacking:
-        raise SiteError(f"{path}: no column {', '.join(lacking)}. Its header is: {header or '(empty)'}")
-    reader.fieldnames = names
-    rows = []
-    for row in reader:
-        plain = {key: (value or "").strip() for key, value in row.items() if key}
-        if any(plain.values()):
-            rows.append((reader.line_num, plain))
-    return rows
-
-
-def _number(row: dict[str, str], key: str, path: Path, line: int, default: float | None = None) -> float:
-    text = row.get(key, "")
-    if not text and default is not None:
-        return default
-    if re.fullmatch(r"[-+]?\d+,\d+", text):
-        text = text.replace(",", ".")
-    try:
-        return float(text)
-    except ValueError as error:
-        raise SiteError(f"{path}, line {line}: {key} is '{text}', not a number.") from error
-
-
 def _odm_crs(text: str, path: Path) -> CRS:
     words = text.strip()
     utm = re.fullmatch(r"WGS84\s+UTM\s+(\d{1,2})\s*([NS])", words, re.IGNORECASE)
@@ -174,5 +148,16 @@ def _odm_crs(text: str, path: Path) -> CRS:
         return CRS.from_user_input(words)
     except CRSError as error:
         raise SiteError(
-            f"{path}, line 1: '{words}' is no CRS. Write 'EPSG:n', 'WGS84 UTM 33N' or a proj string."
+            f"{path}, line 1: '{words}' is neither the header {CONTROL_HEADER} of a control file nor the "
+            "CRS of a gcp_list.txt: write 'EPSG:n', 'WGS84 UTM 33N' or a proj string."
         ) from error
+
+
+def _odm_row(text: str, path: Path, line: int) -> tuple[tuple[float, float, float], float, float, str, str]:
+    """Place, column, row, photograph and name (or nothing) of a row."""
+    words = text.split()
+    try:
+        x, y, z, column, row = (float(word) for word in words[:5])
+        return (x, y, z), column, row, words[5], words[6] if len(words) > 6 else ""
+    except (ValueError, IndexError) as error:
+        raise SiteError(f"{path}, line {line}: expected 'x y z column row photo [name]'.") from error

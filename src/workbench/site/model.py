@@ -38,6 +38,12 @@ class Photograph:
     """Place within the strip, from 0."""
     height_above_ground: float | None = None
     """Metres above the place of take-off, where the drone records it."""
+    bands: int = 3
+    """Bands of the image."""
+    sun: tuple[float, float] | None = None
+    """Elevation and azimuth of the sun at the exposure, degrees, where place and time are known."""
+    note: str = ""
+    """What was recorded but is not believed, such as a position of 0, 0; empty if nothing."""
     set_aside: str = ""
     """Why this photograph is not used; empty for one that is."""
 
@@ -96,6 +102,10 @@ class Site:
     """Questions of site.yaml without an answer."""
     set_aside: tuple[Photograph, ...] = ()
     """Photographs that are not used, each with its reason."""
+    time_zone: str | None = None
+    """IANA name of the zone of the cameras' clocks, where EXIF leaves it open."""
+    flight: dict[str, str | None] = field(default_factory=dict)
+    """Purpose, operator, platform, weather, wind and notes of the flight, as documented."""
     control: tuple[ControlPoint, ...] = ()
     """Surveyed points."""
     observations: tuple[Observation, ...] = ()
