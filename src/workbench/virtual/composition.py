@@ -9,6 +9,8 @@ from typing import Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
+from workbench.virtual.flight_spec import FlightSpec
+
 Point = tuple[float, float]
 Range = tuple[float, float]
 
@@ -145,3 +147,4 @@ class SceneSpec(Part):
     cars: tuple[CarSpec, ...] = ()
     boulders: int = Field(0, ge=0, le=2000, description="How many lie on open land.")
     targets: tuple[TargetSpec, ...] = ()
+    flight: FlightSpec = Field(FlightSpec(), description="How it is photographed.")
