@@ -4,10 +4,11 @@ import pytest
 from box_scene import ORIGIN, ROOF, box_surface, texture
 from rasterio.crs import CRS
 
-from workbench.errors import MosaicError
+from workbench.cameras.view import view_table
+from workbench.errors import MosaicError, SurfaceError
 from workbench.mosaic import crop_area, make_orthophoto
 from workbench.mosaic.rectify import rectify
-from workbench.mosaic.views import best_views, view_table
+from workbench.mosaic.views import best_views
 from workbench.params import MosaicParameters
 from workbench.rasters import Grid, read_raster
 
@@ -116,5 +117,5 @@ def test_another_crs_is_refused(box_site, tmp_path):
 def test_surface_without_heights_is_refused(box_site, tmp_path):
     empty = box_surface() * np.nan
     empty = empty.rio.write_crs(box_site.surface.rio.crs)
-    with pytest.raises(MosaicError, match="no height"):
+    with pytest.raises(SurfaceError, match="no height"):
         make_orthophoto(box_site.block, empty, tmp_path / "o.tif")

@@ -16,16 +16,17 @@ import geopandas as gpd
 import numpy as np
 import xarray as xr
 
+from workbench.cameras.view import view_table
 from workbench.errors import MosaicError
 from workbench.mosaic.balance import balance_gains
-from workbench.mosaic.heights import FilledHeights, fill_heights
 from workbench.mosaic.rectify import rectify
 from workbench.mosaic.seams import Preview, find_seams, preview, seamline_polygons
-from workbench.mosaic.views import best_views, steepest_tangent, view_table
+from workbench.mosaic.views import best_views, steepest_tangent
 from workbench.orientation import Block
 from workbench.params import MosaicParameters
 from workbench.photographs import read_photograph
 from workbench.rasters import Grid, RasterWriter, new_raster
+from workbench.surface.filling import FilledHeights, fill_heights
 
 _TILE = 1024
 _STRIP = 1024

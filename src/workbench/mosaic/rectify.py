@@ -7,7 +7,7 @@ import math
 import numba
 import numpy as np
 
-from workbench.mosaic.views import project
+from workbench.cameras.view import project
 
 
 def rectify(
@@ -27,7 +27,7 @@ def rectify(
     image
         (rows, columns, bands) of any type, possibly reduced against the photograph.
     view
-        Row of :func:`workbench.mosaic.views.view_table` (full photograph), relative to the grid's
+        Row of :func:`workbench.cameras.view.view_table` (full photograph), relative to the grid's
         upper left corner.
     heights
         (rows, columns) of the window, metres.

@@ -113,6 +113,58 @@ class SgmParameters(Section):
 
 
 class MatchParameters(Section):
-    """Parameters of the match stage."""
+    """Pairs, downscales and search limits [thesis 4.2]."""
 
+    inflight: int = parameter(
+        1,
+        "Match with so many photographs before and after in the strip.",
+        unit="1",
+        source="thesis 4.2.3",
+        ge=1,
+        le=20,
+    )
+    across: bool = parameter(
+        False, "Match also with the photographs of neighbouring strips.", unit="-", source="thesis 4.2"
+    )
+    downscales: tuple[int, ...] | None = parameter(
+        None,
+        "Match with photographs reduced by these factors; null derives them from the ground resolution.",
+        unit="1",
+        source="thesis 4.2.1: 1, 2, 3; finer photographs need those that lead to 10-20 cm (thesis 5.1)",
+    )
+    height_margin_up: float = parameter(
+        45.0,
+        "Search so far above the tie points: they miss trees.",
+        unit="m",
+        source="tallest trees of central Europe; at most 70 % of the flying height is used",
+        ge=0,
+        le=1000,
+    )
+    height_margin_down: float = parameter(
+        5.0, "Search so far below the tie points.", unit="m", source="ditches, banks, gaps", ge=0, le=1000
+    )
+    guide_below: float = parameter(
+        12.0,
+        "A finer level searches so far below the coarser surface.",
+        unit="px",
+        source="ground in gaps that the coarser level closed",
+        gt=0,
+        le=500,
+    )
+    guide_above: float = parameter(
+        24.0,
+        "A finer level searches so far above the coarser surface.",
+        unit="px",
+        source="generous, so that single trees which the coarser level missed are not cut",
+        gt=0,
+        le=500,
+    )
+    threads: int = parameter(
+        2,
+        "Threads of the matcher; they do not change the result.",
+        unit="1",
+        source="two cores",
+        ge=1,
+        le=256,
+    )
     sgm: SgmParameters = SgmParameters()

@@ -1,7 +1,85 @@
 """Parameters of the surface stage."""
 
-from workbench.params.base import Section
+from typing import Literal
+
+from workbench.params.base import Section, parameter
 
 
 class SurfaceParameters(Section):
-    """Parameters of the surface stage."""
+    """Gridding, fusion, terrain [thesis 4.2, 5.1]."""
+
+    resolution: float | None = parameter(
+        None,
+        "Cell of all surfaces; null takes 1.25 times the finest matched ground resolution.",
+        unit="m",
+        source="each cell then holds a measured pixel, and none is oversampled",
+        gt=0,
+    )
+    min_count: int = parameter(
+        1, "Cells measured by fewer pairs are empty.", unit="pairs", source="thesis 3.2.1", ge=1, le=255
+    )
+    least_confidence: int = parameter(
+        0,
+        "Matched pixels of less confidence are left out.",
+        unit="1/255",
+        source="none by default",
+        ge=0,
+        le=255,
+    )
+    tolerance: float = parameter(
+        0.1,
+        "Heights of a cell that differ by more belong to different surfaces.",
+        unit="m",
+        source="leaf layers and steps; at least three times the height precision is used",
+        gt=0,
+        le=10,
+    )
+    min_patch: float = parameter(
+        0.25,
+        "Measured patches smaller than this are removed at each downscale: specks are worse than holes.",
+        unit="m2",
+        source="a young crown of half a metre across",
+        ge=0,
+        le=1000,
+    )
+    patch_step: float = parameter(
+        0.5,
+        "Neighbouring cells that differ by more do not belong to one patch.",
+        unit="m",
+        source="larger than the relief within a crown over one cell, smaller than a speck's height",
+        gt=0,
+        le=50,
+    )
+    interpolate: Literal["none", "linear"] = parameter(
+        "none",
+        "Fill what no downscale measured; always flagged 255 in provenance.tif.",
+        unit="-",
+        source="thesis 5.1: interpolated holes hold no tree",
+    )
+    tile_size: int = parameter(
+        1024, "Edge of a tile; it does not change the result.", unit="cells", source="memory", ge=64, le=16384
+    )
+    ground_cell: float = parameter(
+        0.5,
+        "Cell of the cloth for the terrain.",
+        unit="m",
+        source="Zhang et al. 2016: 0.5 m for general terrain",
+        gt=0,
+        le=20,
+    )
+    ground_rigidness: int = parameter(
+        2,
+        "Rigidness of the cloth: 1 steep, 2 with relief, 3 flat.",
+        unit="1",
+        source="Zhang et al. 2016",
+        ge=1,
+        le=3,
+    )
+    ground_threshold: float = parameter(
+        0.5,
+        "Cells within this distance of the cloth are ground.",
+        unit="m",
+        source="Zhang et al. 2016",
+        gt=0,
+        le=10,
+    )

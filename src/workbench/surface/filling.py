@@ -1,4 +1,4 @@
-"""Heights without holes to project photographs on; which of them were measured stays known."""
+"""Heights without holes, where a hole would be in the way; which of them were measured stays known."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 import xarray as xr
 
-from workbench.errors import MosaicError
+from workbench.errors import SurfaceError
 from workbench.rasters import Grid, tiles
 
 _COARSE = 8  # Holes are closed on cells this many times larger: a hole has no detail to keep.
@@ -42,7 +42,7 @@ def fill_heights(surface: xr.DataArray, *, tile_size: int = 2048) -> FilledHeigh
 
     Raises
     ------
-    MosaicError
+    SurfaceError
         If the surface holds no height at all.
     """
     shape = surface.sizes["y"], surface.sizes["x"]
@@ -58,7 +58,7 @@ def fill_heights(surface: xr.DataArray, *, tile_size: int = 2048) -> FilledHeigh
         sums[target] = _blocks(np.nan_to_num(values), _COARSE)
         counts[target] = _blocks(np.isfinite(values).astype(float), _COARSE)
     if not counts.any():
-        raise MosaicError(f"Surface {surface.name} holds no height: nothing to project photographs on.")
+        raise SurfaceError(f"Surface {surface.name} holds no height: nothing to fill its holes from.")
     return FilledHeights(surface, _push_pull(sums, counts).astype(np.float32))
 
 

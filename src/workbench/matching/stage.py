@@ -1,0 +1,193 @@
+"""The match stage: disparities of all pairs at all downscales, from coarse to fine."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import shutil
+from collections.abc import Callable, Sequence
+from functools import lru_cache, partial
+from pathlib import Path
+
+import cv2
+import numpy as np
+import xarray as xr
+from rich.progress import track
+
+from workbench.matching.engine import match_pair
+from workbench.matching.guide import guide_disparity
+from workbench.matching.levels import (
+    choose_downscales,
+    common_extent,
+    ground_height,
+    search_heights,
+)
+from workbench.matching.pairs import StereoPair, intersection_angle_at, select_pairs
+from workbench.matching.rectify import rectify_pair, resample
+from workbench.matching.store import MatchedPair, load_pair, pack, save_pair
+from workbench.orientation import Block, read_block
+from workbench.params import MatchParameters, Parameters
+from workbench.photographs import read_photograph
+from workbench.rasters import Grid, new_raster
+from workbench.site import Site
+from workbench.stages import FOLDERS, open_stage
+from workbench.surface.filling import fill_heights
+from workbench.surface.fusion import fuse_downscales
+from workbench.surface.levels import grid_level
+
+_CACHED_PHOTOGRAPHS = 8
+
+
+def match_site(site: Site, parameters: Parameters) -> dict:
+    """Match all pairs of a site; writes ``pairs.zip`` and ``pairs.json``.
+
+    A pair that an interrupted run finished is not matched again.
+
+    Returns
+    -------
+    dict
+        The metrics: pairs, downscales, intersection angles, matched share.
+
+    Raises
+    ------
+    MatchingError
+        If no photographs overlap.
+    """
+    options = parameters.match
+    with open_stage(site.products / FOLDERS["match"], {"match": options}) as stage:
+        orientation = site.products / FOLDERS["orient"]
+        block = read_block(orientation, site)
+        ground = ground_height(block)
+        pairs = select_pairs(block, inflight=options.inflight, across=options.across, ground=ground)
+        resolution = median_resolution(block, ground)
+        downscales = tuple(sorted(options.downscales or choose_downscales(resolution)))
+        work = stage.path("work") / _key(orientation, options)
+        files: dict[int, list[Path]] = {}
+        guide: xr.DataArray | None = None
+        shares = {}
+        for downscale in reversed(downscales):
+            files[downscale], shares[downscale] = _match_level(
+                pairs, downscale, search_heights(block, options), guide, options, work
+            )
+            if downscale != downscales[0]:
+                guide = _surface(files, block, pairs, resolution, search_heights(block, options))
+        entries = [(f"ds{d}/{path.name}", path) for d in downscales for path in files[d]]
+        pack(entries, stage.path("pairs.zip"))
+        shutil.rmtree(stage.path("work"))
+        angles = [intersection_angle_at(pair, ground) for pair in pairs]
+        stage.metrics.update(
+            {
+                "pairs": len(pairs),
+                "pairs_across": sum(pair.kind == "across" for pair in pairs),
+                "downscales": list(downscales),
+                "ground_resolution_m": round(resolution, 5),
+                "angle_median_deg": round(float(np.median(angles)), 3),
+                "angle_min_deg": round(min(angles), 3),
+                "angle_max_deg": round(max(angles), 3),
+                "matched_share": {f"ds{d}": round(shares[d], 4) for d in downscales},
+                "pair_angles_deg": {p.name: round(a, 3) for p, a in zip(pairs, angles, strict=True)},
+            }
+        )
+    return stage.metrics
+
+
+def median_resolution(block: Block, ground: float) -> float:
+    """Median ground resolution of the photographs of a block, metres."""
+    return float(np.median([(p.pose.centre[2] - ground) / p.camera.focal_x for p in block]))
+
+
+def _match_level(
+    pairs: Sequence[StereoPair],
+    downscale: int,
+    heights: tuple[float, float],
+    guide: xr.DataArray | None,
+    options: MatchParameters,
+    work: Path,
+) -> tuple[list[Path], float]:
+    folder = work / f"ds{downscale}"
+    folder.mkdir(parents=True, exist_ok=True)
+    grey = lru_cache(_CACHED_PHOTOGRAPHS)(lambda path: _grey(path, downscale))
+    files, matched, known = [], 0, 0
+    for pair in track(pairs, f"matching at 1/{downscale}", transient=True):
+        path = folder / f"{pair.name}.zip"
+        files.append(path)
+        if not path.exists():
+            save_pair(_match(pair, downscale, heights, guide, options, grey), path)
+        disparity = load_pair(path).disparity
+        matched += int(np.isfinite(disparity).sum())
+        known += disparity.size
+    return files, matched / max(known, 1)
+
+
+def _match(
+    pair: StereoPair,
+    downscale: int,
+    heights: tuple[float, float],
+    guide: xr.DataArray | None,
+    options: MatchParameters,
+    grey: Callable[[Path], np.ndarray],
+) -> MatchedPair:
+    rectification, swapped = rectify_pair(pair, heights, downscale=downscale)
+    left, right = (pair.right, pair.left) if swapped else (pair.left, pair.right)
+    images = [
+        resample(grey(photo.path), photo.camera, photo.pose, rectification, right=is_right)
+        for photo, is_right in ((left, False), (right, True))
+    ]
+    expected = None
+    if guide is not None:
+        expected = guide_disparity(rectification, guide, heights[1], heights[0])
+        if not np.isfinite(expected).any():
+            expected = None
+    result = match_pair(
+        images[0],
+        images[1],
+        disparity_range=(0, rectification.disparities),
+        guide=expected,
+        guide_radius=(options.guide_below, options.guide_above),
+        parameters=options.sgm,
+        check_rectified=False,
+        threads=options.threads,
+    )
+    disparity = np.where(result.valid, result.disparity, np.nan).astype(np.float32)
+    confidence = np.clip(np.rint(result.confidence.values * 255), 0, 255).astype(np.uint8)
+    return MatchedPair(pair.name, downscale, rectification, disparity, confidence)
+
+
+def _surface(
+    files: dict[int, list[Path]],
+    block: Block,
+    pairs: Sequence[StereoPair],
+    resolution: float,
+    heights: tuple[float, float],
+) -> xr.DataArray:
+    """What the levels matched so far say together, without holes: the guide of the next level."""
+    finest = min(files)
+    rectifications = [load_pair(path).rectification for path in files[finest]]
+    extent = common_extent(rectifications, ground_height(block))
+    grid = Grid.from_bounds(block.crs, extent, resolution * finest * 1.25)
+    levels = []
+    for downscale in sorted(files):
+        level = grid_level([partial(load_pair, path) for path in files[downscale]], grid, heights)
+        levels.append(
+            new_raster(level.height, grid, name="guide", units="m", vertical_datum=block.vertical_datum)
+        )
+    fused = fuse_downscales(levels, sorted(files)).height
+    rows, columns = slice(0, grid.height), slice(0, grid.width)
+    filled, _ = fill_heights(fused).window(rows, columns)
+    return new_raster(filled, grid, name="guide", units="m", vertical_datum=block.vertical_datum)
+
+
+def _grey(path: Path, downscale: int) -> np.ndarray:
+    image = read_photograph(path, downscale)
+    if image.shape[-1] >= 3:
+        return cv2.cvtColor(np.ascontiguousarray(image[..., :3]), cv2.COLOR_RGB2GRAY)
+    return np.ascontiguousarray(image[..., 0])
+
+
+def _key(orientation: Path, options: MatchParameters) -> str:
+    """Names everything that a matched pair depends on: unfinished work of other settings is not used."""
+    digest = hashlib.blake2b(digest_size=8)
+    for file in sorted((orientation / "sparse").iterdir()):
+        digest.update(file.read_bytes())
+    digest.update(json.dumps(options.model_dump(mode="json"), sort_keys=True).encode())
+    return digest.hexdigest()
