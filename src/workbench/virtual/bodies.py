@@ -6,6 +6,7 @@ import math
 from collections.abc import Callable
 
 import numpy as np
+from scipy.optimize import linprog
 from scipy.spatial import HalfspaceIntersection
 
 from workbench.errors import SceneError
@@ -169,8 +170,6 @@ def _bounds(planes: np.ndarray) -> np.ndarray:
 
 def _inner_point(planes: np.ndarray) -> np.ndarray:
     """Centre of the largest ball within a body."""
-    from scipy.optimize import linprog
-
     result = linprog(
         [0, 0, 0, -1],
         A_ub=np.column_stack([planes[:, :3], np.ones(len(planes))]),

@@ -30,12 +30,12 @@ from workbench.virtual.trees3d import (
 # 2.2 (conifers 15-40 m, crowns 3-8 m, once grown) and the largest crowns of thesis 4.3: 14 m for
 # broadleaf trees and 6 m for conifers; young broadleaf stands crown to crown, nearly equally high.
 _STANDS = {
-    ("conifer", "young"): ((9.0, 0.9), (2.6, 0.3), 1.9),
-    ("conifer", "middle"): ((18.0, 1.5), (3.6, 0.45), 2.9),
-    ("conifer", "old"): ((27.0, 2.0), (5.0, 0.6), 4.2),
+    ("conifer", "young"): ((9.0, 0.9), (2.6, 0.3), 2.0),
+    ("conifer", "middle"): ((18.0, 1.5), (3.8, 0.45), 3.0),
+    ("conifer", "old"): ((27.0, 2.0), (5.2, 0.5), 4.2),
     ("broadleaf", "young"): ((10.0, 0.6), (3.0, 0.35), 2.3),
-    ("broadleaf", "middle"): ((17.0, 1.3), (6.0, 0.8), 4.8),
-    ("broadleaf", "old"): ((25.0, 2.2), (10.5, 1.6), 8.6),
+    ("broadleaf", "middle"): ((17.0, 1.3), (6.2, 0.8), 4.7),
+    ("broadleaf", "old"): ((25.0, 2.2), (10.8, 1.5), 8.2),
 }
 _LARGEST_CROWN = {"broadleaf": 14.0, "conifer": 6.0}
 _JITTER = 0.22
@@ -87,7 +87,10 @@ def plant_stand(spec: StandSpec, seed: int) -> list[Stem]:
     vigour = gaussian_field(points[:, 0], points[:, 1], _GAP_FIELD, rng, modes=48)
     # The gaps lie where the field is low; their share is that of the normal distribution.
     keep = vigour > np.quantile(vigour, 0.3 * spec.clumping) if len(points) else np.zeros(0, dtype=bool)
-    stems = [_stem(spec, x, y, v, rng) for (x, y), v in zip(points[keep], vigour[keep], strict=True)]
+    points, vigour = points[keep], vigour[keep]
+    if len(points) > 1:
+        vigour = (vigour - vigour.mean()) / max(float(vigour.std()), 1e-9)
+    stems = [_stem(spec, x, y, v, rng) for (x, y), v in zip(points, vigour, strict=True)]
     return stems + _understorey(spec, polygon, rng)
 
 

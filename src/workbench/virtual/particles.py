@@ -231,13 +231,12 @@ def stem_detail(tall, sample_edge, h):
 def stem_leaf(h, tall, i, number):
     """Offset of particle ``i`` of a stem from its foot, its normal, and its height share 0..1.
 
-    Every eighth particle belongs to the panicle at the top, every other eighth to the stem itself, the
-    rest to blades that rise, bend over and hang, one above the other around the stem.
+    Every sixteenth particle belongs to the panicle at the top, another one to the stem itself, the rest to blades that rise, bend over and hang, one above the other around the stem.
     """
     turn = np.float32(6.2832) * uniform(h)
     k = hash2(h, np.uint64(50 + i))
     u = uniform(k)
-    part = i & 7
+    part = i & 15
     zero = np.float32(0)
     if i == 0:
         return zero, zero, tall, zero, zero, np.float32(1), np.float32(1), 1

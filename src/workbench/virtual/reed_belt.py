@@ -17,7 +17,7 @@ from rasterio.transform import Affine
 from shapely.geometry import LineString, MultiPolygon, Polygon, shape
 
 from workbench.errors import SceneError
-from workbench.virtual.composition import LakeSpec, ReedSpec
+from workbench.virtual.composition import ReedSpec
 from workbench.virtual.lake import Shore
 from workbench.virtual.noise import fractal_field, gaussian_field
 from workbench.virtual.particles import REED_CELL, ReedFields
@@ -25,6 +25,8 @@ from workbench.virtual.particles import REED_CELL, ReedFields
 EXTENT_DENSITY = 3.0
 """Fewer stems per square metre than this are single stems, not the belt."""
 _SINGLE_REACH = 5.0
+_END = 4.0
+_STAIR = 0.2
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,7 +56,6 @@ def empty_reed_fields() -> ReedFields:
 
 def reed_fields(
     belts: Sequence[ReedSpec],
-    lake: LakeSpec,
     shore: Shore,
     depth: np.ndarray,
     x: np.ndarray,
@@ -69,8 +70,8 @@ def reed_fields(
     ----------
     belts
         Their stretches along the shore must not overlap.
-    lake, shore, depth
-        The lake; distances and water depths (negative ashore) at the cell centres.
+    shore, depth
+        Distances from the shoreline and water depths (negative ashore) at the cell centres.
     local_level
         Water level in the local frame, m.
 
@@ -82,7 +83,7 @@ def reed_fields(
     Raises
     ------
     SceneError
-        If two belts overlap.
+        If two belts overlap or one lies outside the scene.
     """
     _check(belts)
     size = depth.shape
@@ -91,10 +92,18 @@ def reed_fields(
     for index, belt in enumerate(belts):
         inside = (shore.along >= belt.along[0]) & (shore.along < belt.along[1])
         generator = np.random.default_rng([seed, 31, index])
-        found = _one_belt(belt, shore, depth, x, y, inside, generator)
+        if not inside.any():
+            raise SceneError(
+                f"Reed belt {belt.aoi} from {belt.along[0]} to {belt.along[1]} m is not in the scene."
+            )
+        # Only the part of the raster that the belt can touch.
+        rows, columns = (np.flatnonzero(inside.any(axis=axis)) for axis in (1, 0))
+        part = slice(rows[0], rows[-1] + 1), slice(columns[0], columns[-1] + 1)
+        near = Shore(shore.distance[part], shore.along[part])
+        found = _one_belt(belt, near, depth[part], x[part[1]], y[part[0]], inside[part], generator)
         for target, values in zip((density, height, green), found, strict=True):
-            target[inside] = values[inside]
-        aoi[inside & (found[0] > 0)] = index
+            target[part][inside[part]] = values[inside[part]]
+        aoi[part][inside[part] & (found[0] > 0)] = index
     foot = np.where(depth > 0, local_level, local_level - depth)
     fields = ReedFields(
         *(values.astype(np.float32) for values in (density, height, green, foot)),
@@ -140,7 +149,8 @@ def describe_reed(
             shape(geometry)
             for geometry, _ in rasterio.features.shapes(here.astype(np.uint8), mask=here, transform=transform)
         ]
-        parts = [part for part in parts if part.area >= 0.5]
+        # The outline runs along cells; without their stairs its length is that of the belt.
+        parts = [part.simplify(_STAIR) for part in parts if part.area >= 0.5]
         if not parts:
             continue
         main = max(parts, key=lambda part: part.area)
@@ -170,8 +180,11 @@ def _one_belt(
     long = gaussian_field(x[None, :], y[:, None], 9.0, generator, modes=48)
     short = fractal_field(x[None, :], y[:, None], 3.0, 0.7, generator, gain=0.7)
     ripple = fractal_field(x[None, :], y[:, None], 1.2, 0.5, generator, gain=0.6)
-    front = belt.width * (1 + belt.fray * (0.22 * long + 0.20 * short)) + 0.12 * ripple
-    stands = inside & (out >= -belt.ashore) & (out <= front) & (depth < belt.deepest)
+    # Belts thin out over a few metres at both ends instead of being cut.
+    ends = np.minimum(shore.along - belt.along[0], belt.along[1] - shore.along) + 0.8 * short
+    taper = np.sqrt(np.clip(ends / _END, 0, 1))
+    front = (belt.width * (1 + belt.fray * (0.22 * long + 0.20 * short)) + 0.12 * ripple) * taper
+    stands = inside & (out >= -belt.ashore * taper) & (out <= front) & (depth < belt.deepest)
     single = inside & ~stands & (out > 0) & (out < front + _SINGLE_REACH) & (depth < belt.deepest * 1.25)
     reach = np.clip(1 - (out - front) / _SINGLE_REACH, 0, 1)
     patchy = np.exp(0.22 * short + 0.25 * belt.fray * long)

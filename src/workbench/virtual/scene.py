@@ -18,14 +18,16 @@ import shapely
 import yaml
 from pydantic import ValidationError
 from rasterio.crs import CRS
+from scipy import ndimage
 from shapely.geometry import LineString, Polygon
+from skimage.measure import find_contours
 
 from workbench.errors import SceneError
 from workbench.rasters import Grid
 from workbench.virtual import bodies
 from workbench.virtual.composition import LineSpec, SceneSpec
 from workbench.virtual.forest import Stem, breast_height_diameter, grow_trees, plant_singles, plant_stand
-from workbench.virtual.lake import measure_shore, shape_lake
+from workbench.virtual.lake import Shore, measure_shore, shape_lake
 from workbench.virtual.particles import REED_CELL, ReedFields
 from workbench.virtual.reed_belt import Reed, describe_reed, empty_reed_fields, reed_fields
 from workbench.virtual.terrain import land_heights
@@ -164,8 +166,10 @@ def build_scene(spec: SceneSpec) -> Scene:
     origin = np.array([spec.origin[0], spec.origin[1], np.floor(spec.terrain.base) - 10.0])
     level = None if spec.lake is None else spec.lake.level - origin[2]
     heights = land_heights(spec.terrain, x, y, spec.seed)
+    shore = None
     if spec.lake is not None:
-        heights = shape_lake(spec.lake, heights, measure_shore(spec.lake, x, y, spec.seed))
+        shore = measure_shore(spec.lake, x, y, spec.seed)
+        heights = shape_lake(spec.lake, heights, shore)
     terrain = Terrain(
         (heights - origin[2]).astype(np.float32),
         np.float32(x[0]),
@@ -173,7 +177,7 @@ def build_scene(spec: SceneSpec) -> Scene:
         np.float32(spec.terrain.step),
     )
     road, path = _line_distance(spec.roads, x, y), _line_distance(spec.paths, x, y)
-    fields, aoi = _reed(spec, terrain, level)
+    fields, aoi = _reed(spec, terrain, shore, level)
     blocked = np.minimum(road, path) < 0.3
     stems = _stems(spec, terrain, level, blocked)
     feet = sink_feet(terrain, [(stem.x, stem.y) for stem in stems])
@@ -247,17 +251,25 @@ def _line_distance(lines: tuple[LineSpec, ...], x: np.ndarray, y: np.ndarray) ->
     return distance
 
 
-def _reed(spec: SceneSpec, terrain: Terrain, level: float | None) -> tuple[ReedFields, np.ndarray]:
-    if not spec.reed or spec.lake is None or level is None:
+def _reed(
+    spec: SceneSpec, terrain: Terrain, shore: Shore | None, level: float | None
+) -> tuple[ReedFields, np.ndarray]:
+    if not spec.reed or shore is None or level is None:
         return empty_reed_fields(), np.zeros((0, 0), dtype=np.int16)
     x = np.arange(-_BORDER + REED_CELL / 2, spec.size[0] + _BORDER, REED_CELL)
     y = np.arange(-_BORDER + REED_CELL / 2, spec.size[1] + _BORDER, REED_CELL)
-    shore = measure_shore(spec.lake, x, y, spec.seed)
-    x_grid, y_grid = np.meshgrid(x, y)
-    depth = level - sink_feet(terrain, np.stack([x_grid.ravel(), y_grid.ravel()], axis=1)).reshape(
-        x_grid.shape
+    rows, columns = np.meshgrid(
+        (y - float(terrain.south)) / float(terrain.step),
+        (x - float(terrain.west)) / float(terrain.step),
+        indexing="ij",
     )
-    return reed_fields(spec.reed, spec.lake, shore, depth, x, y, local_level=level, seed=spec.seed)
+    distance, along, height = (
+        ndimage.map_coordinates(values, [rows, columns], order=1, mode="nearest")
+        for values in (shore.distance, shore.along, terrain.height.astype(float))
+    )
+    return reed_fields(
+        spec.reed, Shore(distance, along), level - height, x, y, local_level=level, seed=spec.seed
+    )
 
 
 def _stems(spec: SceneSpec, terrain: Terrain, level: float | None, blocked: np.ndarray) -> list[Stem]:
@@ -380,8 +392,6 @@ def _lake_polygon(
 ) -> Polygon | None:
     if level is None:
         return None
-    from skimage.measure import find_contours
-
     padded = np.pad(terrain.height, 1, constant_values=1e6)
     rings = find_contours(padded, level)
     polygons = []

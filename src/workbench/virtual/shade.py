@@ -17,7 +17,7 @@ _BLOCK = 16
 """Cells of the shadow map along the edge of a cell of its coarse version."""
 _SUN_WIDTH = 0.0093
 """Angular diameter of the sun, rad: width of a half-shadow over the distance to what casts it."""
-_LEAF_BIAS, _GROUND_BIAS = 0.12, 0.06
+_LEAF_BIAS, _GROUND_BIAS = 0.06, 0.06
 _GRASS_GREEN = np.array([0.098, 0.152, 0.034, 0.46], dtype=np.float32)
 _GRASS_DRY = np.array([0.205, 0.185, 0.085, 0.36], dtype=np.float32)
 _CLOVER = np.array([0.052, 0.105, 0.024, 0.50], dtype=np.float32)
@@ -94,7 +94,8 @@ def sunlit_leaf(light, x, y, z):
     column = (x - z * light.shear_x - light.west) / light.cell
     row = (light.north - y + z * light.shear_y) / light.cell
     below = _highest(light, column, row) - z
-    if below < np.float32(_LEAF_BIAS):
+    # Within one cell of the map a sloping crown differs in height by about the cell.
+    if below < np.float32(_LEAF_BIAS) + light.cell:
         return np.float32(1)
     return np.float32(0.42) * np.float32(math.exp(-below * np.float32(0.55)))
 

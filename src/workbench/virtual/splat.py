@@ -59,8 +59,8 @@ _DEEP = 0.72
 """Share of the sky below which foliage is drawn with fewer and larger particles: crowns hide most of it."""
 _WOOD = np.array([0.150, 0.130, 0.110, 0.26], dtype=np.float32)
 _DEAD_WOOD = np.array([0.26, 0.24, 0.22, 0.34], dtype=np.float32)
-_REED_GREEN = np.array([0.092, 0.135, 0.042, 0.40], dtype=np.float32)
-_REED_BROWN = np.array([0.225, 0.180, 0.105, 0.31], dtype=np.float32)
+_REED_GREEN = np.array([0.098, 0.158, 0.044, 0.44], dtype=np.float32)
+_REED_BROWN = np.array([0.215, 0.180, 0.100, 0.31], dtype=np.float32)
 _PANICLE = np.array([0.150, 0.105, 0.085, 0.27], dtype=np.float32)
 
 

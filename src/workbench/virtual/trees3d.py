@@ -89,6 +89,7 @@ def grow_tree(
     else:
         share = 0.65 if crown_share is None else crown_share
         foliage = _lobes(height, radius, share, generator)
+    _fit_width(foliage, radius)
     wood = _wood(height, radius, share, foliage, generator, bare=dead)
     if dead:
         foliage = foliage[:0]
@@ -241,6 +242,14 @@ def _fit_top(rows: np.ndarray, height: float) -> np.ndarray:
     rise = np.abs(rows[:, DZ]) * rows[:, RA] + np.sqrt(1 - rows[:, DZ] ** 2) * rows[:, RC]
     rows[:, Z] += height - np.max(rows[:, Z] + rise)
     return rows
+
+
+def _fit_width(rows: np.ndarray, radius: float) -> None:
+    """Stretch a crown so that its area seen from above is that of the circle asked for."""
+    for _ in range(3):
+        x, y = crown_outline(rows).T
+        area = 0.5 * abs(np.sum(x * np.roll(y, -1) - y * np.roll(x, -1)))
+        rows[:, [X, Y]] *= np.clip(np.sqrt(np.pi * radius**2 / area), 0.7, 1.6)
 
 
 def _unit(x: np.ndarray, y: np.ndarray, z: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
