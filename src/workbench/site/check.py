@@ -3,38 +3,28 @@
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Literal
 
 import numpy as np
+from pyproj import CRS
 
+from workbench.errors import SiteError
 from workbench.params import Parameters
-from workbench.site.model import Site
+from workbench.site.check_control import control_problems
+from workbench.site.estimate import CostEstimate, estimate_cost
+from workbench.site.model import Problem, Site
+from workbench.site.overlap import Overlap, has_ground_height, overlap_map
+from workbench.site.places import far_from_rest, outside_area
 
 _LEAST_PHOTOGRAPHS = 3
-_FAR = 20.0  # Robust distances: a position this many times the usual spread away is no neighbour.
-
-
-@dataclass(frozen=True)
-class Problem:
-    """One thing that is wrong."""
-
-    severity: Literal["error", "warning"]
-    """error: the chain cannot run; warning: it can, with less."""
-    subject: str
-    """File, photograph or point."""
-    text: str
-    """What is wrong."""
-    remedy: str
-    """What to do."""
-
-    def __str__(self) -> str:
-        return f"{self.severity}: {self.subject}: {self.text} {self.remedy}"
+_LEAST_FORWARD = 0.5  # Below, no point of the ground is seen by three photographs of a strip.
+_LEAST_ACROSS = 0.2  # Below, wind and relief open gaps between strips.
 
 
 @dataclass(frozen=True)
 class CheckReport:
-    """All problems of a site."""
+    """All problems of a site, and what it will cost to process."""
 
     site: str
     """Name of the site."""
@@ -44,16 +34,26 @@ class CheckReport:
     """Flight strips found."""
     problems: tuple[Problem, ...]
     """Errors first."""
+    overlap: Overlap | None = None
+    """Overlap on level ground; None where positions, cameras or the height of the ground are unknown."""
+    cost: CostEstimate | None = None
+    """Time and memory to expect; None without parameters or photographs."""
 
     @property
     def errors(self) -> tuple[Problem, ...]:
         """Problems that stop the chain."""
         return tuple(problem for problem in self.problems if problem.severity == "error")
 
+    @property
+    def warnings(self) -> tuple[Problem, ...]:
+        """Problems that the chain can live with."""
+        return tuple(problem for problem in self.problems if problem.severity == "warning")
+
     def __str__(self) -> str:
         head = f"{self.site}: {self.photographs} photographs in {self.strips} strip(s), "
-        head += f"{len(self.errors)} error(s), {len(self.problems) - len(self.errors)} warning(s)"
-        return "\n".join([head, *map(str, self.problems)])
+        head += f"{len(self.errors)} error(s), {len(self.warnings)} warning(s)"
+        facts = [str(fact) for fact in (self.overlap, self.cost) if fact is not None]
+        return "\n".join([head, *map(str, self.problems), *facts])
 
 
 def check_site(site: Site, parameters: Parameters | None = None) -> CheckReport:
@@ -64,152 +64,171 @@ def check_site(site: Site, parameters: Parameters | None = None) -> CheckReport:
     site
         As loaded.
     parameters
-        Checked when they were read; with them, stages that lack inputs are named.
+        With them, time and memory are estimated.
     """
     problems = [
         *_questions(site),
         *_photographs(site),
         *_positions(site),
-        *_control(site),
+        *_missing(site),
+        *control_problems(site),
     ]
+    present = [p for p in site.photographs if p.position is not None and p.camera in site.cameras]
+    overlap = None
+    if present and site.crs is not None and has_ground_height(site):
+        try:
+            overlap = overlap_map(site)
+        except SiteError as error:
+            problems.append(
+                Problem("warning", str(site.folder / "photographs.csv"), f"{error}", "Correct one of them.")
+            )
+        else:
+            problems += _overlaps(site, overlap)
     problems.sort(key=lambda problem: problem.severity != "error")
     strips = {p.strip for p in site.photographs if p.position}
-    return CheckReport(site.name, len(site.photographs), len(strips), tuple(problems))
+    cost = estimate_cost(site, parameters) if parameters is not None and site.photographs else None
+    return CheckReport(site.name, len(site.photographs), len(strips), tuple(problems), overlap, cost)
 
 
-def _questions(site: Site) -> list[Problem]:
-    return [
-        Problem("error", question.split(": ")[0], ": ".join(question.split(": ")[1:]), "Answer it there.")
-        for question in site.unanswered
-    ]
+def _questions(site: Site) -> Iterator[Problem]:
+    for question in site.unanswered:
+        subject, _, text = question.partition(": ")
+        yield Problem("error", subject, text, "Answer it there.")
 
 
-def _photographs(site: Site) -> list[Problem]:
-    problems = [
-        Problem("warning", p.name, f"set aside: {p.set_aside}.", "The others go on without it.")
-        for p in site.set_aside
-    ]
+def _photographs(site: Site) -> Iterator[Problem]:
     listing = str(site.folder / "photographs.csv")
-    problems += [
-        Problem("error", p.name, f"{p.path} is gone.", "Restore it, or run new-site again.")
-        for p in site.photographs
-        if not p.path.exists()
-    ]
-    if len(site.photographs) < _LEAST_PHOTOGRAPHS:
-        problems.append(
-            Problem(
-                "error",
-                listing,
-                f"only {len(site.photographs)} usable photograph(s).",
-                f"At least {_LEAST_PHOTOGRAPHS} overlapping ones are needed.",
-            )
-        )
-    cameras = Counter(p.camera for p in site.photographs)
-    if len(cameras) > 1:
-        counts = ", ".join(f"{camera}: {count}" for camera, count in sorted(cameras.items()))
-        problems.append(
-            Problem("warning", listing, f"several cameras ({counts}).", "Each is calibrated on its own.")
-        )
-    return problems
-
-
-def _positions(site: Site) -> list[Problem]:
-    listing = str(site.folder / "photographs.csv")
-    placed = [p for p in site.photographs if p.position is not None]
-    lacking = len(site.photographs) - len(placed)
-    problems = []
-    if lacking and placed:
-        problems.append(
-            Problem(
-                "warning",
-                listing,
-                f"{lacking} photograph(s) have no position.",
-                "All pairs with them are tried.",
-            )
-        )
-    if not placed and len(site.control) < 3:
-        problems.append(
-            Problem(
-                "error",
-                listing,
-                "no photograph has a position and there are fewer than three control points.",
-                "Give a navigation file or control points with observations.",
-            )
-        )
-    if len(placed) >= 4:
-        xy = np.array([p.position[:2] for p in placed])  # type: ignore[index]
-        away = np.hypot(*(xy - np.median(xy, axis=0)).T)
-        usual = max(float(np.median(away)), 1.0)
-        problems += [
-            Problem(
+    for p in site.set_aside:
+        yield Problem("warning", p.name, f"set aside: {p.set_aside}.", "The others go on without it.")
+    for p in site.photographs:
+        if not p.path.exists():
+            yield Problem("error", p.name, f"{p.path} is gone.", "Restore it, or run new-site again.")
+        if p.camera not in site.cameras and not _is_asked(site, p.camera):
+            yield Problem(
                 "error",
                 p.name,
-                f"its position is {distance / 1000:.1f} km from the others.",
-                "Its coordinates may be zero or swapped; mend or delete them in photographs.csv.",
+                f"its camera '{p.camera}' is not in site.yaml.",
+                "Add it, or run new-site again.",
             )
-            for p, distance in zip(placed, away, strict=True)
-            if distance > _FAR * usual
-        ]
-    return problems
-
-
-def _control(site: Site) -> list[Problem]:
-    file, observed_in = str(site.folder / "control.csv"), str(site.folder / "observations.csv")
-    problems = []
-    names = {point.name for point in site.control}
-    photos = {p.name for p in site.photographs}
-    seen = Counter(o.name for o in site.observations if o.photo in photos)
-    for observation in site.observations:
-        subject = f"{observed_in} ({observation.name} in {observation.photo})"
-        if observation.name not in names:
-            problems.append(Problem("warning", subject, "no such control point.", "Add it to control.csv."))
-        if observation.photo not in photos:
-            problems.append(Problem("warning", subject, "no such photograph in use.", "Mend the name."))
-            continue
-        camera = site.cameras.get(site.photograph(observation.photo).camera)
-        inside = camera is None or (
-            0 <= observation.column <= camera.width and 0 <= observation.row <= camera.height
+    if len(site.photographs) < _LEAST_PHOTOGRAPHS:
+        yield Problem(
+            "error",
+            listing,
+            f"only {len(site.photographs)} usable photograph(s).",
+            f"At least {_LEAST_PHOTOGRAPHS} overlapping ones are needed.",
         )
-        if not inside:
-            problems.append(Problem("error", subject, "lies outside the photograph.", "Mend or delete it."))
-    for point in site.control:
-        if seen[point.name] < 2:
-            problems.append(
-                Problem(
-                    "warning",
-                    f"{file} ({point.name})",
-                    f"observed in {seen[point.name]} photograph(s).",
-                    "It is not used: measure it in at least two.",
-                )
+    yield from _several_cameras(site, listing)
+    bare = [p.name for p in site.photographs if p.position is None and p.time is None and not p.note]
+    if bare and len(bare) == len(site.photographs):
+        yield Problem(
+            "warning",
+            listing,
+            "no photograph tells where or when it was taken (no EXIF).",
+            "Strips and the sun stay unknown; give a navigation file if there is one.",
+        )
+    if any(p.time is not None and p.time.tzinfo is None for p in site.photographs):
+        yield Problem(
+            "warning",
+            str(site.folder / "site.yaml"),
+            "the clock of the camera has no time zone, so the sun's position is unknown.",
+            "State time_zone, for example Europe/Berlin.",
+        )
+
+
+def _is_asked(site: Site, camera: str) -> bool:
+    return any(f"cameras.{camera}." in question for question in site.unanswered)
+
+
+def _several_cameras(site: Site, listing: str) -> Iterator[Problem]:
+    cameras = Counter(p.camera for p in site.photographs)
+    if len(cameras) < 2:
+        return
+    counts = ", ".join(f"{camera}: {count}" for camera, count in sorted(cameras.items()))
+    yield Problem("warning", listing, f"several cameras ({counts}).", "Each is calibrated on its own.")
+    sizes: dict[str, set[tuple[int, int]]] = {}
+    for camera in site.cameras.values():
+        sizes.setdefault(camera.name, set()).add((camera.width, camera.height))
+    for name, several in sizes.items():
+        if len(several) > 1:
+            listed = ", ".join(f"{width} x {height}" for width, height in sorted(several))
+            yield Problem(
+                "warning",
+                listing,
+                f"photographs of {name} have several sizes ({listed}).",
+                "If some were cropped or resized by a program, use the originals.",
             )
-    return problems + _control_places(site, file)
 
 
-def _control_places(site: Site, file: str) -> list[Problem]:
-    """Points that lie away from the block: swapped axes or the wrong zone."""
-    placed = np.array([p.position for p in site.photographs if p.position is not None])
-    if not len(placed) or not site.control:
-        return []
-    low, high = placed[:, :2].min(axis=0), placed[:, :2].max(axis=0)
-    reach = max(float(np.hypot(*(high - low))), 100.0)
-    problems = []
-    for point in site.control:
-        subject = f"{file} ({point.name})"
-        place = np.array([point.x, point.y])
+def _positions(site: Site) -> Iterator[Problem]:
+    listing = str(site.folder / "photographs.csv")
+    for p in site.photographs:
+        if p.note:
+            yield Problem("warning", p.name, f"{p.note}.", "The photograph is used without it.")
+    placed = [p for p in site.photographs if p.position is not None]
+    lacking = len(site.photographs) - len(placed)
+    if lacking and placed:
+        yield Problem(
+            "warning", listing, f"{lacking} photograph(s) have no position.", "All pairs with them are tried."
+        )
+    if len(placed) < 3 and len(site.control) < 3:
+        yield Problem(
+            "error",
+            listing,
+            f"{len(placed)} photograph(s) have a position and there are {len(site.control)} control points.",
+            "Three of either are needed: give a navigation file or control points with observations.",
+        )
+    xy = np.array([p.position[:2] for p in placed if p.position is not None], dtype=np.float64).reshape(-1, 2)
+    for p, far in zip(placed, far_from_rest(xy), strict=True):
+        if far:
+            yield Problem(
+                "error",
+                p.name,
+                f"its position is {np.hypot(*(xy[placed.index(p)] - np.median(xy, axis=0))) / 1000:.1f} km "
+                "from the others.",
+                "It may be zero or swapped; mend or empty it in photographs.csv.",
+            )
+    if site.crs is not None and len(xy):
+        outside = outside_area(xy, CRS.from_user_input(site.crs))
+        if outside.any():
+            yield Problem(
+                "error",
+                listing,
+                f"{outside.sum()} position(s) lie outside of the area of {site.crs}, the first is "
+                f"{placed[int(np.argmax(outside))].name}.",
+                "x and y may be swapped, or the zone is another one.",
+            )
 
-        def inside(candidate: np.ndarray) -> bool:
-            return bool(np.all(candidate > low - reach) and np.all(candidate < high + reach))
 
-        if inside(place):
-            continue
-        if inside(place[::-1]):
-            text, remedy = "x and y are swapped.", "Exchange the two columns."
-        elif abs(point.y - placed[:, 1].mean()) < 50_000 and abs(point.x - placed[:, 0].mean()) > 50_000:
-            text = f"{abs(point.x - placed[:, 0].mean()) / 1000:.0f} km east or west of the photographs."
-            remedy = f"It may be in another UTM zone: transform it to {site.crs}."
-        else:
-            away = np.hypot(*(place - placed[:, :2].mean(axis=0))) / 1000
-            text = f"{away:.1f} km from the photographs."
-            remedy = f"Check its CRS ({site.crs} is expected)."
-        problems.append(Problem("error", subject, text, remedy))
-    return problems
+def _missing(site: Site) -> Iterator[Problem]:
+    if site.shoreline is not None and site.water_level is None:
+        yield Problem(
+            "warning",
+            str(site.folder / "site.yaml"),
+            "there is a shoreline but no water_level.",
+            "State it, or reed is not measured.",
+        )
+
+
+def _overlaps(site: Site, overlap: Overlap) -> Iterator[Problem]:
+    listing = str(site.folder / "photographs.csv")
+    for name in overlap.isolated:
+        yield Problem(
+            "warning",
+            name,
+            "it shares less than a tenth of its footprint with any other photograph.",
+            "It will hardly be oriented; is its position right?",
+        )
+    if overlap.forward < _LEAST_FORWARD:
+        yield Problem(
+            "warning",
+            listing,
+            f"forward overlap is {100 * overlap.forward:.0f} %.",
+            "Below 50 % the ground is seen by two photographs only and strips may fall apart; fly 80 %.",
+        )
+    if overlap.across < _LEAST_ACROSS:
+        yield Problem(
+            "warning",
+            listing,
+            f"overlap between strips is {100 * overlap.across:.0f} %.",
+            "Below 20 % strips may come apart and gaps open; fly 60 %.",
+        )

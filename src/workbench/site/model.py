@@ -83,6 +83,23 @@ class Observation:
 
 
 @dataclass(frozen=True)
+class Problem:
+    """One thing that is wrong with a site."""
+
+    severity: Literal["error", "warning"]
+    """error: the chain cannot run; warning: it can, with less."""
+    subject: str
+    """File, photograph or point."""
+    text: str
+    """What is wrong."""
+    remedy: str
+    """What to do."""
+
+    def __str__(self) -> str:
+        return f"{self.severity}: {self.subject}: {self.text} {self.remedy}"
+
+
+@dataclass(frozen=True)
 class Site:
     """Everything that is known of an area on a date before processing."""
 
