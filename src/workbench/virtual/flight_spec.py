@@ -37,3 +37,4 @@ class FlightSpec(BaseModel):
         (0.01, 0.03), description="Standard deviation of recorded roll and pitch, and of heading, degrees."
     )
     navigation: bool = Field(True, description="A navigation file beside the EXIF positions.")
+    calibrated: bool = Field(True, description="The site states the distortion, as a certificate does.")
