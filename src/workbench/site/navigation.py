@@ -154,16 +154,17 @@ class _RowReader:
     def _position(self, row: dict[str, str], line: int) -> tuple[float, float, tuple[float, float, float]]:
         if row["longitude"]:
             first, second = (number(row, key, self.path, line) for key in ("longitude", "latitude"))
-            transform, height = self.from_degrees, "height" if row["height"] else "z"
+            transform = self.from_degrees
         else:
             first, second = (number(row, key, self.path, line) for key in ("x", "y"))
-            transform, height = self.from_own, "z" if row["z"] else "height"
+            transform = self.from_own
         x, y = transform.transform(first, second)
         if not np.isfinite([x, y]).all():
             raise SiteError(
                 f"{self.path}, line {line}: {first}, {second} has no place in {self.crs.name}. "
                 "Are the two columns swapped, or is the CRS another one?"
             )
+        height = "height" if row["height"] else "z"
         return first, second, (float(x), float(y), number(row, height, self.path, line))
 
     def _turn(
