@@ -94,7 +94,11 @@ def _read_xmp(head: bytes, tags: dict[str, Any]) -> dict[str, str]:
         text = bytes(packet.values).decode("utf-8", "replace")
     else:
         return {}
-    return {name: (attribute or element).strip() for _, name, attribute, element in _ENTRY.findall(text)}
+    entries = {}
+    for _, name, attribute, element in _ENTRY.findall(text):
+        if value := (attribute or element).strip():  # A closing tag looks like an empty element.
+            entries[name] = value
+    return entries
 
 
 def _gimbal(xmp: dict[str, str]) -> tuple[float, float, float] | None:

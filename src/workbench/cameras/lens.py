@@ -41,7 +41,7 @@ class Camera:
     """Edge of a pixel on the sensor, metres, where known."""
 
     def __post_init__(self) -> None:
-        if min(self.width, self.height) < 1 or not min(self.focal_x, self.focal_y) > 0:
+        if min(self.width, self.height) < 1 or not (self.focal_x > 0 and self.focal_y > 0):
             raise CameraError(
                 f"Camera {self.name}: {self.width} x {self.height} pixels with focal lengths "
                 f"{self.focal_x}, {self.focal_y} px is impossible."

@@ -28,7 +28,8 @@ def outside_area(xy: np.ndarray, crs: CRS) -> np.ndarray:
     Places up to 3 degrees beyond the area of use count as inside: a block may cross a zone's border.
     """
     # A CRS that came through GDAL has lost its area of use; the EPSG register has it.
-    area = (CRS.from_epsg(crs.to_epsg()) if crs.to_epsg() else crs).area_of_use
+    code = crs.to_epsg()
+    area = (CRS.from_epsg(code) if code else crs).area_of_use
     if area is None or not len(xy):
         return np.zeros(len(xy), dtype=bool)
     longitude, latitude = Transformer.from_crs(crs, CRS.from_epsg(4326), always_xy=True).transform(*xy.T)
