@@ -151,13 +151,17 @@ def test_truth_of_trees_and_reed_agrees_with_tables(shore):
     ratio = height / truth.stem_height.values[inside]
     assert 1.0 < np.median(ratio) < 1.3
     mean = truth.dsm_mean.values[inside] - np.maximum(truth.dtm.values[inside], shore.water_level)
-    assert 0.6 < np.median(mean / truth.stem_height.values[inside]) < 1.0
+    assert 0.6 < np.median(mean / truth.stem_height.values[inside]) < np.median(ratio)
     seen = shore.trees[shore.trees.visible & ~shore.trees.dead & ~shore.trees.understorey].set_index(
         "tree_id"
     )
-    for tree_id, row in seen.iterrows():
-        top = truth.dsm.values[truth.tree_id.values == tree_id].max()
-        assert top == pytest.approx(row.top_z, abs=0.5)
+    misses = [
+        truth.dsm.values[truth.tree_id.values == tree_id].max() - row.top_z
+        for tree_id, row in seen.iterrows()
+    ]
+    # A top may hide below the branch of a neighbour, but never stands above its height.
+    assert np.median(np.abs(misses)) < 0.3
+    assert max(misses) < 0.05
 
 
 def test_front_runs_along_the_water_side(shore):

@@ -35,7 +35,7 @@ from workbench.virtual.particles import (
     stems_in_cell,
 )
 from workbench.virtual.solids import hit_solid
-from workbench.virtual.trees3d import RA, RB, RC, X, Y, Z
+from workbench.virtual.trees3d import KIND, LINE, RA, RB, RC, X, Y, Z
 from workbench.virtual.wind import gust, own_sway
 
 NOTHING, REED, SOLID = -1, -2, -10
@@ -157,6 +157,8 @@ def _fill_trees(plants, chosen, wind, direction, row0, column0, top, owner):
                 pc = (x + ox + jx - pz * sx - west) / cell
                 pr = (north - y - oy - jy + pz * sy) / cell
                 facing = np.float32(0.35) + np.float32(0.65) * abs(plants.leaves.normal[leaf, 2])
+                if clump[KIND] == np.float32(LINE):
+                    facing = np.float32(1)
                 radius = np.float32(0.5) * size / cell * np.float32(np.sqrt(facing))
                 _mark(top, owner, pc, pr, radius, pz, index)
 

@@ -16,7 +16,7 @@ from workbench.virtual.world import Cover
 
 Body = tuple[np.ndarray, np.ndarray, Cover, int]
 _ROOFS = {
-    "red": (0.270, 0.115, 0.075, 0.33),
+    "red": (0.215, 0.095, 0.064, 0.29),
     "brown": (0.140, 0.095, 0.070, 0.26),
     "grey": (0.190, 0.190, 0.195, 0.21),
     "white": (0.560, 0.560, 0.550, 0.55),

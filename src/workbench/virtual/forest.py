@@ -19,10 +19,10 @@ from workbench.virtual.trees3d import (
     RB,
     RC,
     SPECIES_GROUPS,
+    TreeForm,
     X,
     Y,
     Z,
-    TreeForm,
     grow_tree,
 )
 

@@ -231,7 +231,8 @@ def stem_detail(tall, sample_edge, h):
 def stem_leaf(h, tall, i, number):
     """Offset of particle ``i`` of a stem from its foot, its normal, and its height share 0..1.
 
-    Every sixteenth particle belongs to the panicle at the top, another one to the stem itself, the rest to blades that rise, bend over and hang, one above the other around the stem.
+    Every sixteenth particle belongs to the panicle at the top, another one to the stem itself, the rest
+    to blades that rise, bend over and hang, one above the other around the stem.
     """
     turn = np.float32(6.2832) * uniform(h)
     k = hash2(h, np.uint64(50 + i))

@@ -6,6 +6,7 @@ is straight or frayed, islets and holes tell a vital from a declining belt.
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -106,7 +107,10 @@ def reed_fields(
         aoi[part][inside[part] & (found[0] > 0)] = index
     foot = np.where(depth > 0, local_level, local_level - depth)
     fields = ReedFields(
-        *(values.astype(np.float32) for values in (density, height, green, foot)),
+        density.astype(np.float32),
+        height.astype(np.float32),
+        green.astype(np.float32),
+        foot.astype(np.float32),
         np.float32(x[0] - REED_CELL / 2),
         np.float32(y[0] - REED_CELL / 2),
         np.float32(REED_CELL),
@@ -200,7 +204,7 @@ def _one_belt(
             density = np.where(patch & (depth > 0), np.maximum(density, last * patchy), density)
     share = np.clip(depth / belt.deepest, 0, 1)
     height = height_above_water(belt, depth) * np.exp(0.04 * long + 0.05 * short)
-    green = np.clip(belt.green * (1 - 0.25 * share) + 0.10 * long, 0, 1)
+    green = np.clip(belt.green * (1 - 0.25 * share) + 0.14 * long + 0.08 * short, 0, 1)
     return density, np.where(density > 0, height, 0), np.where(density > 0, green, 0)
 
 
@@ -251,6 +255,6 @@ def _water_side(main: Polygon, fields: ReedFields, origin: np.ndarray) -> shapel
 
 def _check(belts: Sequence[ReedSpec]) -> None:
     stretches = sorted((belt.along, belt.aoi) for belt in belts)
-    for (first, name), (second, other) in zip(stretches, stretches[1:], strict=False):
+    for (first, name), (second, other) in itertools.pairwise(stretches):
         if second[0] < first[1]:
             raise SceneError(f"Reed belts {name} and {other} overlap along the shore: separate them.")

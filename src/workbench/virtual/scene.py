@@ -186,7 +186,7 @@ def build_scene(spec: SceneSpec) -> Scene:
     targets = np.array(
         [(t.x, t.y, t.edge, t.azimuth, float(t.kind == "letter")) for t in spec.targets], dtype=float
     ).reshape(-1, 5)
-    floor, canopy, closure = ground_rasters(terrain, plants, forms, stems, fields, spec)
+    floor, canopy, closure = ground_rasters(terrain, stems, spec)
     ground = Ground(floor, road.astype(np.float32), path.astype(np.float32), canopy, closure)
     codes = {"broadleaf": Cover.BROADLEAF, "conifer": Cover.CONIFER}
     tree_cover = np.array(

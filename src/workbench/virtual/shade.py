@@ -21,7 +21,7 @@ _LEAF_BIAS, _GROUND_BIAS = 0.06, 0.06
 _GRASS_GREEN = np.array([0.098, 0.152, 0.034, 0.46], dtype=np.float32)
 _GRASS_DRY = np.array([0.205, 0.185, 0.085, 0.36], dtype=np.float32)
 _CLOVER = np.array([0.052, 0.105, 0.024, 0.50], dtype=np.float32)
-_LITTER = np.array([0.105, 0.078, 0.050, 0.21], dtype=np.float32)
+_LITTER = np.array([0.088, 0.072, 0.048, 0.20], dtype=np.float32)
 _MOSS = np.array([0.055, 0.075, 0.022, 0.30], dtype=np.float32)
 _ASPHALT = np.array([0.205, 0.200, 0.205, 0.225], dtype=np.float32)
 _GRAVEL = np.array([0.320, 0.275, 0.235, 0.345], dtype=np.float32)
@@ -97,7 +97,7 @@ def sunlit_leaf(light, x, y, z):
     # Within one cell of the map a sloping crown differs in height by about the cell.
     if below < np.float32(_LEAF_BIAS) + light.cell:
         return np.float32(1)
-    return np.float32(0.42) * np.float32(math.exp(-below * np.float32(0.55)))
+    return np.float32(0.36) * np.float32(math.exp(-below * np.float32(0.55)))
 
 
 @numba.njit(error_model="numpy", fastmath=True)
@@ -199,9 +199,9 @@ def plain_cover(world, x, y, z):
 
 @numba.njit(error_model="numpy", fastmath=True)
 def ground_colour(textures, cover, x, y, level, out):
-    """Reflectance of bare ground: material, its own texture, and mottling at three scales; ``level`` of the finest.
+    """Reflectance of bare ground: material, its own texture, and mottling at three scales.
 
-    The levels of the coarser scales follow from the ratio of their texels to the finest, log2.
+    ``level`` is that of the finest; the levels of the coarser scales follow from the ratio of their texels to the finest, log2.
     """
     # Bent coordinates: the finest tile repeats nowhere exactly.
     big_level, mid_level, fine_level = level - np.float32(6.276), level - np.float32(3.209), level
@@ -224,7 +224,7 @@ def ground_colour(textures, cover, x, y, level, out):
             out[band] = base * max(value, np.float32(0.15))
     elif cover == Cover.FOREST_FLOOR.value:
         fine = sample(textures, LITTER, xf, yf, np.float32(TEXEL), fine_level)
-        moss = min(max(np.float32(0.45) + np.float32(0.5) * mid + np.float32(0.4) * big, np.float32(0)), one)
+        moss = min(max(np.float32(0.5) + np.float32(0.5) * mid + np.float32(0.4) * big, np.float32(0)), one)
         value = max(one + np.float32(0.32) * fine + np.float32(0.12) * mid, np.float32(0.12))
         for band in range(4):
             out[band] = (_LITTER[band] + moss * (_MOSS[band] - _LITTER[band])) * value
@@ -277,7 +277,7 @@ def solid_colour(world, textures, body, plane, x, y, z, footprint, out):
         down = np.float32((normal[0] * x + normal[1] * y) / flat / max(normal[2], 0.2))
         along = np.float32((-normal[1] * x + normal[0] * y) / flat)
         rough = np.float32(0.12)
-    elif surface == ROOF_FLAT or surface == STONE:
+    elif surface in (ROOF_FLAT, STONE):
         rough = np.float32(0.14)
     elif not upward:
         along, down = np.float32(x + y), np.float32(z)

@@ -396,10 +396,12 @@ def paint_trees(world, wind, light, view, scale, chosen, tile):
                 if _hidden(tile, pc, pr, near, radius):
                     continue
                 n = plants.leaves.normal[leaf]
-                normal = (n[0], n[1], n[2])
+                normal = toward if is_wood else (n[0], n[1], n[2])
                 lit = sunlit_leaf(light, x + ox, y + oy, z + oz)
+                # The lower leaves of a clump lie in the shade of the upper ones.
+                share = np.float32(0.68) + np.float32(0.32) * plants.leaves.position[leaf, 2]
                 bright = clump[SHADE] * plants.leaves.bright[leaf] * (np.float32(1) + flutter)
-                shade_leaf(light, tone, bright, lit, open_sky, normal, toward, half, out)
+                shade_leaf(light, tone, bright, lit * share, open_sky * share, normal, toward, half, out)
                 tilt = (np.float32(1), np.float32(0), np.float32(1))
                 if radius > 0 and not is_wood:
                     tilt = _tilt(view, normal)
@@ -499,9 +501,9 @@ def paint_ground(world, textures, light, waves, view, scale, s, cover, tile):
                     xf, yf = np.float32(x), np.float32(y)
                     lit = sunlit_ground(light, xf, yf, z, place_hash(x, y))
                     code = plain
-                    if code < 0 and z <= world.water_level + 1e-3:
-                        if ground_height(world.terrain, xf, yf) < world.water_level:
-                            code = Cover.WATER.value
+                    level_here = z <= world.water_level + 1e-3
+                    if code < 0 and level_here and ground_height(world.terrain, xf, yf) < world.water_level:
+                        code = Cover.WATER.value
                     if code == Cover.WATER.value:
                         shade_water(world, light, textures, waves, xf, yf, toward, footprint, lit, base)
                         cover[i, j] = code

@@ -26,7 +26,7 @@ BALL, SPRAY, LINE = 0.0, 1.0, 2.0
 SPECIES_GROUPS = ("broadleaf", "conifer")
 CROWN_SHAPE = {"broadleaf": 2.0, "conifer": 1.2}
 """n of the crown model, typical values of thesis table 2.2."""
-LEAF_DIAMETER = {"broadleaf": 0.075, "conifer": 0.055}
+LEAF_DIAMETER = {"broadleaf": 0.06, "conifer": 0.05}
 """Diameter of a disc of foliage, metres: a leaf with its neighbours, a tuft of needles (3-9 cm)."""
 LEAF_AREA_INDEX = {"broadleaf": 3.0, "conifer": 3.2}
 """One-sided leaf area over crown area that takes part in the image; the rest of a real index hides below."""
@@ -213,12 +213,15 @@ def _wood(
     stem_top = height * (0.96 if bare else 1 - 0.35 * share)
     pieces = [(np.zeros(3), np.array([0.0, 0.0, stem_top]), thick)]
     if len(foliage):
-        number = min(len(foliage), 70 if bare else 14)
+        number = min(len(foliage), 34 if bare else 14)
         for tip in foliage[rng.choice(len(foliage), number, replace=False)]:
             end = tip[:3].astype(float)
             rise = np.hypot(end[0], end[1]) * rng.uniform(0.5, 1.1)
             foot = np.array([0.0, 0.0, np.clip(end[2] - rise, 0.25 * height, stem_top)])
-            pieces.append((foot, end, thick * rng.uniform(0.18, 0.4)))
+            # Branches bend: up first, then outwards.
+            elbow = (foot + end) / 2 + [0, 0, 0.12 * rise] + rng.normal(0, 0.08 * rise, 3)
+            width = thick * rng.uniform(0.18, 0.4)
+            pieces += [(foot, elbow, width), (elbow, end, 0.6 * width)]
     rows = np.zeros((len(pieces), CLUMP_COLUMNS))
     for row, (foot, end, half_width) in zip(rows, pieces, strict=True):
         axis = end - foot

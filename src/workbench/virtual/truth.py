@@ -8,8 +8,8 @@ import xarray as xr
 from workbench.errors import RasterError
 from workbench.rasters import Grid, new_raster
 from workbench.virtual.above import NOTHING, REED, SOLID, Direction, map_from_above
-from workbench.virtual.shade import cover_below
 from workbench.virtual.scene import Scene
+from workbench.virtual.shade import cover_below
 from workbench.virtual.texture import textures
 from workbench.virtual.wind import Wind, wind_field
 from workbench.virtual.world import Cover
@@ -116,19 +116,20 @@ def _blocks_mean(values: np.ndarray, grid: Grid, parts: int) -> np.ndarray:
 
 def _commonest(codes: np.ndarray, grid: Grid, parts: int) -> np.ndarray:
     """Commonest code per cell, the smallest of equals."""
-    stack = codes.reshape(grid.height, parts, grid.width, parts).transpose(0, 2, 1, 3)
-    stack = stack.reshape(grid.height, grid.width, parts * parts)
+    stack = _stacked(codes, grid, parts)
     counts = np.stack([(stack == code).sum(axis=2) for code in range(max(Cover) + 1)])
     return counts.argmax(axis=0).astype(np.uint8)
 
 
 def _of_highest(names: np.ndarray, surface: np.ndarray, grid: Grid, parts: int) -> np.ndarray:
-    def stacked(values: np.ndarray) -> np.ndarray:
-        blocks = values.reshape(grid.height, parts, grid.width, parts).transpose(0, 2, 1, 3)
-        return blocks.reshape(grid.height, grid.width, parts * parts)
+    highest = _stacked(surface, grid, parts).argmax(axis=2)[..., None]
+    return np.take_along_axis(_stacked(names, grid, parts), highest, axis=2)[..., 0].astype(np.int32)
 
-    highest = stacked(surface).argmax(axis=2)[..., None]
-    return np.take_along_axis(stacked(names), highest, axis=2)[..., 0].astype(np.int32)
+
+def _stacked(values: np.ndarray, grid: Grid, parts: int) -> np.ndarray:
+    """All samples of a cell along the last axis, (rows, columns, samples)."""
+    blocks = values.reshape(grid.height, parts, grid.width, parts).transpose(0, 2, 1, 3)
+    return blocks.reshape(grid.height, grid.width, parts * parts)
 
 
 def _reed_on(scene: Scene, grid: Grid) -> tuple[np.ndarray, np.ndarray]:

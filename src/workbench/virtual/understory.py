@@ -12,9 +12,7 @@ from shapely.geometry import Polygon
 from workbench.virtual.above import Direction, map_from_above
 from workbench.virtual.composition import SceneSpec
 from workbench.virtual.forest import Stem
-from workbench.virtual.particles import Plants, ReedFields
 from workbench.virtual.solids import empty_solids
-from workbench.virtual.trees3d import TreeForm
 from workbench.virtual.wind import Wind, wind_field
 from workbench.virtual.world import Terrain, World
 
@@ -31,18 +29,13 @@ def sink_feet(terrain: Terrain, places: Sequence[tuple[float, float]] | np.ndarr
 
 
 def ground_rasters(
-    terrain: Terrain,
-    plants: Plants,
-    forms: list[TreeForm],
-    stems: list[Stem],
-    reed: ReedFields,
-    spec: SceneSpec,
+    terrain: Terrain, stems: list[Stem], spec: SceneSpec
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Weight of forest floor, smoothed canopy height (m) and smoothed closure on the terrain's raster."""
     rows, columns = terrain.height.shape
     canopy = np.zeros((rows, columns), dtype=np.float32)
     step = float(terrain.step)
-    for stem, form in zip(stems, forms, strict=True):
+    for stem in stems:
         if stem.dead:
             continue
         radius = 0.5 * stem.crown
