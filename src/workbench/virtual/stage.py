@@ -256,7 +256,7 @@ def _write_site(
         vertical_datum=scene.vertical_datum,
         time_zone="UTC",
         water_level=scene.water_level,
-        **_references(scene, campaign, settings, folder),
+        **_references(scene, campaign, settings, folder),  # type: ignore[arg-type]
     )
     _state_cameras(site, flight, plan)
 
