@@ -299,9 +299,10 @@ def _sweep(
         if upward and wanted:
             for column in range(columns):
                 partner = column - top[row, column] + before + chosen[column]
-                if flag[row - first, column] == MEASURED or flag[row - first, column] == AMBIGUOUS:
-                    if abs(np.int64(owner[partner]) - column) > most_inconsistency:
-                        flag[row - first, column] = INCONSISTENT
+                code = flag[row - first, column]
+                apart = abs(np.int64(owner[partner]) - column) > most_inconsistency
+                if apart and (code == MEASURED or code == AMBIGUOUS):
+                    flag[row - first, column] = INCONSISTENT
 
 
 @numba.njit(cache=True)

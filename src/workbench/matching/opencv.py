@@ -43,7 +43,7 @@ def match_with_opencv(
         cv2.copyMakeBorder(np.rint(image).astype(np.uint8), *padding, cv2.BORDER_REPLICATE)
         for image in (pair.left, pair.right)
     )
-    matcher = cv2.StereoSGBM_create(
+    matcher = cv2.StereoSGBM.create(
         minDisparity=first,
         numDisparities=count,
         blockSize=_BLOCK,

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
+from itertools import pairwise
 
 import numpy as np
 
@@ -89,7 +90,7 @@ def cut_strips(rows: int, columns: int, depth: int, memory: float) -> list[slice
     fitting = max(int(memory * _MEGABYTE / (2 * columns * depth)), 1)
     count = max(-(-rows // fitting), 2 if rows >= 2 * _STRIP else 1)
     edges = np.linspace(0, rows, count + 1).round().astype(int)
-    return [slice(int(a), int(b)) for a, b in zip(edges[:-1], edges[1:], strict=True) if b > a]
+    return [slice(int(a), int(b)) for a, b in pairwise(edges) if b > a]
 
 
 def jump_penalties(parameters: SgmParameters) -> np.ndarray:
