@@ -147,7 +147,7 @@ def _all_or_nothing(values: np.ndarray) -> bool:
 def _reduce(image: np.ndarray, downscale: int, path: Path) -> np.ndarray:
     if downscale == 1:
         return np.ascontiguousarray(image)
-    rows, columns = image.shape[0] // downscale, image.shape[1] // downscale
+    rows, columns = image.shape[0] // max(downscale, 1), image.shape[1] // max(downscale, 1)
     if downscale < 1 or min(rows, columns) < 1:
         raise SiteError(
             f"{path}: {image.shape[1]} x {image.shape[0]} pixels cannot be reduced by {downscale}."
