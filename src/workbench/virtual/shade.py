@@ -5,9 +5,9 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-import numba
 import numpy as np
 
+from workbench.virtual.compiled import inner, kernel
 from workbench.virtual.noise import bilinear, hash2, hash3, uniform
 from workbench.virtual.solids import GLASS, ROOF_FLAT, ROOF_TILES, STONE
 from workbench.virtual.texture import ASPHALT, GRASS, GRAVEL, LITTER, NOISE, TEXEL, level_of, sample
@@ -80,7 +80,7 @@ def coarsen(top: np.ndarray) -> np.ndarray:
     return np.max(shifts, axis=0)
 
 
-@numba.njit(error_model="numpy", fastmath=True)
+@inner
 def _highest(light, column, row):
     i, j = int(np.floor(row)), int(np.floor(column))
     if i < 0 or j < 0 or i >= light.top.shape[0] or j >= light.top.shape[1]:
@@ -88,7 +88,7 @@ def _highest(light, column, row):
     return light.top[i, j]
 
 
-@numba.njit(error_model="numpy", fastmath=True)
+@inner
 def sunlit_leaf(light, x, y, z):
     """Share of the sun that reaches a leaf: less the deeper it lies below the outermost leaves."""
     column = (x - z * light.shear_x - light.west) / light.cell
@@ -100,7 +100,7 @@ def sunlit_leaf(light, x, y, z):
     return np.float32(0.36) * np.float32(math.exp(-below * np.float32(0.55)))
 
 
-@numba.njit(error_model="numpy", fastmath=True)
+@inner
 def sunlit_ground(light, x, y, z, h):
     """Share of the sun that reaches the ground or a wall; half-shadow widens with the distance."""
     column = (x - z * light.shear_x - light.west) / light.cell
@@ -124,7 +124,7 @@ def sunlit_ground(light, x, y, z, h):
     return lit / np.float32(3)
 
 
-@numba.njit(error_model="numpy", fastmath=True)
+@inner
 def half_vector(light, view):
     """Unit vector halfway between the camera and the sun: what a mirror would have to face."""
     x, y, z = view[0] + light.sun[0], view[1] + light.sun[1], view[2] + light.sun[2]
@@ -132,7 +132,7 @@ def half_vector(light, view):
     return x * scale, y * scale, z * scale
 
 
-@numba.njit(error_model="numpy", fastmath=True)
+@inner
 def shade_leaf(light, colour, bright, sunlit, open_sky, normal, view, halfway, out):
     """Radiance of a leaf: reflected on the lit side, transmitted on the other, sheen towards the sun."""
     facing = normal[0] * light.sun[0] + normal[1] * light.sun[1] + normal[2] * light.sun[2]
@@ -157,7 +157,7 @@ def shade_leaf(light, colour, bright, sunlit, open_sky, normal, view, halfway, o
         out[band] += sheen * light.direct[band]
 
 
-@numba.njit(error_model="numpy", fastmath=True)
+@inner
 def ground_cover(world, textures, x, y, z, level):
     """Land cover code of bare ground at a place; ``level`` of the finest texture."""
     terrain = world.terrain
@@ -175,7 +175,7 @@ def ground_cover(world, textures, x, y, z, level):
     return Cover.MEADOW.value
 
 
-@numba.njit(error_model="numpy", fastmath=True)
+@inner
 def plain_cover(world, x, y, z):
     """Land cover code where no border is within about half a metre, otherwise -1."""
     terrain, level = world.terrain, np.float32(world.water_level)
@@ -197,7 +197,7 @@ def plain_cover(world, x, y, z):
     return Cover.FOREST_FLOOR.value if floor > np.float32(0.5) else Cover.MEADOW.value
 
 
-@numba.njit(error_model="numpy", fastmath=True)
+@inner
 def ground_colour(textures, cover, x, y, level, out):
     """Reflectance of bare ground: material, its own texture, and mottling at three scales.
 
@@ -241,9 +241,12 @@ def ground_colour(textures, cover, x, y, level, out):
             out[band] = (base + weed * (_CLOVER[band] - base)) * value
 
 
-@numba.njit(error_model="numpy", fastmath=True)
-def target_colour(world, x, y, out):
-    """Whether a place lies on a target; then its reflectance is written."""
+@inner
+def target_colour(world, x, y, out, width=1e-6):
+    """Whether a place lies on a target; then its reflectance is written, as the mean over a ``width``.
+
+    Edges are averaged, so that the middle of a target does not follow the raster of the samples.
+    """
     for k in range(world.targets.shape[0]):
         tx, ty, edge, azimuth, kind = world.targets[k]
         dx, dy = x - tx, y - ty
@@ -254,16 +257,19 @@ def target_colour(world, x, y, out):
         if abs(u) > 0.5 or abs(v) > 0.5:
             continue
         if kind == 0:
-            white = (u > 0) == (v > 0)
+            side = 2 * edge / width
+            across, along = min(max(u * side, -1.0), 1.0), min(max(v * side, -1.0), 1.0)
+            white = np.float32(0.5 + 0.5 * across * along)
         else:
-            white = _LETTER[min(int((0.5 - v) * 7), 6), min(int((u + 0.5) * 7), 6)] == 1
+            row, column = min(int((0.5 - v) * 7), 6), min(int((u + 0.5) * 7), 6)
+            white = np.float32(_LETTER[row, column] == 1)
         for band in range(4):
-            out[band] = _WHITE if white else _BLACK
+            out[band] = _BLACK + white * (_WHITE - _BLACK)
         return True
     return False
 
 
-@numba.njit(error_model="numpy", fastmath=True)
+@inner
 def solid_colour(world, textures, body, plane, x, y, z, footprint, out):
     """Reflectance of a hard body: roofs with rows of tiles, stone with speckle, smooth paint."""
     solids = world.solids
@@ -302,13 +308,13 @@ def solid_colour(world, textures, body, plane, x, y, z, footprint, out):
             out[band] = np.float32(0.04)
 
 
-@numba.njit(error_model="numpy", fastmath=True)
+@inner
 def place_hash(x, y):
     """Hash of a place to a tenth of a millimetre, so that dither does not depend on tiles."""
     return hash2(np.uint64(np.int64(np.floor(x * 1e4))), np.uint64(np.int64(np.floor(y * 1e4))))
 
 
-@numba.njit(cache=True)
+@kernel
 def cover_below(world, textures, x, y, footprint):
     """Land cover codes (y, x) of ground and water at local places, as if nothing stood on them."""
     codes = np.zeros((y.size, x.size), dtype=np.uint8)
