@@ -1,5 +1,7 @@
 """Vector files and point clouds."""
 
+import time
+
 import geopandas as gpd
 import numpy as np
 import pytest
@@ -35,6 +37,12 @@ def test_rewriting_replaces_all_layers(tmp_path):
     write_layers({"new": reed()}, path)
     with pytest.raises(VectorError, match="layer old"):
         read_vector(path, layer="old")
+
+
+def test_same_layers_same_bytes_at_another_time(tmp_path):
+    first = write_layers({"a": reed(), "b": reed()}, tmp_path / "1" / "a.gpkg").read_bytes()
+    time.sleep(1.1)  # GeoPackage notes seconds.
+    assert first == write_layers({"a": reed(), "b": reed()}, tmp_path / "2" / "a.gpkg").read_bytes()
 
 
 @pytest.mark.parametrize("content", [None, "no vector file"])

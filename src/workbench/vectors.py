@@ -12,6 +12,9 @@ import pyogrio
 
 from workbench.errors import VectorError
 
+# GeoPackages note when they were written; a fixed date lets the same layers give the same bytes.
+pyogrio.set_gdal_config_options({"OGR_CURRENT_DATE": "2000-01-01T00:00:00Z"})
+
 
 def read_vector(path: Path | str, *, layer: str | None = None, crs: Any | None = None) -> gpd.GeoDataFrame:
     """Read a layer of any vector file, reprojected to ``crs`` if one is given.
@@ -35,6 +38,8 @@ def read_vector(path: Path | str, *, layer: str | None = None, crs: Any | None =
 
 def write_layers(layers: Mapping[str, gpd.GeoDataFrame], path: Path | str) -> Path:
     """Write GeoPackage layers under a temporary name, then rename the file.
+
+    The same layers give the same bytes.
 
     Raises
     ------
