@@ -10,6 +10,7 @@ import numpy as np
 from workbench.cameras import Camera, Pose
 from workbench.errors import MatchingError
 from workbench.matching.pairs import StereoPair
+from workbench.orientation import OrientedPhotograph
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,10 +85,10 @@ def rectify_pair(
     z /= np.linalg.norm(z)
     rotation = np.stack([x, np.cross(z, x), z])
     focal = (left.camera.focal_x + right.camera.focal_x) / 2 / downscale
-    low, high = _column_rows(left.camera, left.pose, right.camera, right.pose, rotation, focal, heights)
     near, far = _depth_range(pair, rotation, heights)
     shift = np.floor(focal * pair.base / far - 1)
     disparities = int(np.ceil(focal * pair.base / near + 1 - shift))
+    low, high = _frame(left, right, rotation, focal, shift, disparities)
     columns, rows = np.ceil(high - low).astype(int)
     if columns < 16 or rows < 16:
         raise MatchingError(f"{pair.name}: the photographs have nothing in common at heights {heights}.")
@@ -121,7 +122,7 @@ def resample(
         Whether this is the right image, whose principal point is moved by the shift.
     """
     rows, columns = rectification.shape
-    cx = rectification.principal[0] - (rectification.shift if right else 0.0)
+    cx = rectification.principal[0] + (rectification.shift if right else 0.0)
     # Projecting every 8th position and interpolating is exact to a few thousandths of a pixel.
     step = 8
     u = np.arange(0, columns + step, step) + 0.5
@@ -160,30 +161,34 @@ def _depth_range(pair: StereoPair, rotation: np.ndarray, heights: tuple[float, f
     return float(depth.min()), float(depth.max())
 
 
-def _column_rows(
-    left: Camera,
-    left_pose: Pose,
-    right: Camera,
-    right_pose: Pose,
+def _frame(
+    left: OrientedPhotograph,
+    right: OrientedPhotograph,
     rotation: np.ndarray,
     focal: float,
-    heights: tuple[float, float],
+    shift: float,
+    disparities: int,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Lowest and highest column and row, relative to the left principal point, of the common part."""
-    bounds = []
-    for camera, pose in ((left, left_pose), (right, right_pose)):
-        rays = pose.to_world(camera.rays(_outline(camera)))
-        corners = []
-        for level in heights:
-            reach = (level - pose.centre[2]) / np.minimum(rays[:, 2], -0.05)
-            seen = (pose.centre + rays * reach[:, None] - left_pose.centre) @ rotation.T
-            seen = seen[seen[:, 2] > 0]
-            corners.append(seen[:, :2] / seen[:, 2:] * focal)
-        every = np.concatenate(corners)
-        bounds.append((every.min(axis=0), every.max(axis=0)))
-    low = np.floor(np.maximum(bounds[0][0], bounds[1][0]))
-    high = np.ceil(np.minimum(bounds[0][1], bounds[1][1]))
-    return low, high
+    """Lowest and highest column and row, relative to the left principal point, that can have a match."""
+    (left_low, left_high), (right_low, right_high) = (
+        _rectified_bounds(photograph, rotation, focal) for photograph in (left, right)
+    )
+    right_low[0] += shift
+    right_high[0] += shift
+    # A left column u meets right columns u - disparities ... u.
+    first = min(max(left_low[0], right_low[0]), max(right_low[0], left_low[0] - disparities))
+    last = max(min(left_high[0], right_high[0] + disparities), min(right_high[0], left_high[0]))
+    top, bottom = max(left_low[1], right_low[1]), min(left_high[1], right_high[1])
+    return np.floor([first, top]), np.ceil([last, bottom])
+
+
+def _rectified_bounds(
+    photograph: OrientedPhotograph, rotation: np.ndarray, focal: float
+) -> tuple[np.ndarray, np.ndarray]:
+    rays = photograph.pose.to_world(photograph.camera.rays(_outline(photograph.camera))) @ rotation.T
+    plane = rays[rays[:, 2] > 0.05]
+    plane = plane[:, :2] / plane[:, 2:] * focal
+    return plane.min(axis=0), plane.max(axis=0)
 
 
 def _outline(camera: Camera) -> np.ndarray:

@@ -36,6 +36,7 @@ from workbench.surface.fusion import fuse_downscales
 from workbench.surface.levels import grid_level
 
 _CACHED_PHOTOGRAPHS = 8
+_ROOM = 0.1
 
 
 def match_site(site: Site, parameters: Parameters) -> dict:
@@ -127,6 +128,13 @@ def _match(
     options: MatchParameters,
     grey: Callable[[Path], np.ndarray],
 ) -> MatchedPair:
+    if guide is not None:
+        # What the coarser levels found bounds the range, with room for what they missed.
+        margin = _ROOM * (heights[1] - heights[0])
+        heights = (
+            max(heights[0], float(guide.min()) - margin),
+            min(heights[1], float(guide.max()) + margin),
+        )
     rectification, swapped = rectify_pair(pair, heights, downscale=downscale)
     left, right = (pair.right, pair.left) if swapped else (pair.left, pair.right)
     images = [
