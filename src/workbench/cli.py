@@ -57,17 +57,25 @@ def new_site(
     water_level: Annotated[float | None, typer.Option(help="Water level, metres in that datum.")] = None,
     shoreline: Annotated[Path | None, typer.Option(help="Official shoreline: polygon of the lake.")] = None,
     dtm: Annotated[Path | None, typer.Option(help="Terrain raster, for example from lidar.")] = None,
+    areas: Annotated[Path | None, typer.Option(help="Areas of interest: polygons with a column aoi.")] = None,
+    time_zone: Annotated[str | None, typer.Option(help="Zone of the camera's clock: Europe/Berlin.")] = None,
+    navigation_column: Annotated[
+        list[str] | None, typer.Option(help="Name of a column of the navigation file: x=Easting; repeatable.")
+    ] = None,
+    navigation_crs: Annotated[str | None, typer.Option(help="CRS of x and y there, if another.")] = None,
     root: RootOption = Path(),
 ) -> None:
     """Describe photographs, positions and control as a site: data/sites/NAME/site.yaml."""
-    from workbench.site import check_site
+    from workbench.site import NavigationFormat, check_site
     from workbench.site import new_site as create
 
+    columns = dict(entry.partition("=")[::2] for entry in navigation_column or ())
     site = create(
         name,
         photos=photos,
         root=root,
         navigation=navigation,
+        navigation_format=NavigationFormat(columns, crs=navigation_crs),
         control=control,
         observations=observations,
         crs=crs,
@@ -75,6 +83,8 @@ def new_site(
         water_level=water_level,
         shoreline=shoreline,
         dtm=dtm,
+        areas=areas,
+        time_zone=time_zone,
     )
     typer.echo(f"{site.folder / 'site.yaml'}: {len(site.photographs)} photographs")
     typer.echo(str(check_site(site)))

@@ -5,7 +5,10 @@ import pytest
 from photo_files import write_flight
 from pyproj import CRS, Proj, Transformer
 
+from typer.testing import CliRunner
+
 from workbench.cameras import Pose
+from workbench.cli import app
 from workbench.errors import SiteError
 from workbench.site import NavigationFormat, check_site, new_site, read_navigation
 
@@ -180,3 +183,16 @@ def test_one_bad_row_becomes_a_note(tmp_path):
     site = flight_with_navigation(tmp_path, "photo x y z\n" + "".join(rows))
     assert "km from the others" in site.photograph("IMG_0005.jpg").note
     assert site.photograph("IMG_0005.jpg").position is None
+
+
+def test_command_line_names_the_columns(tmp_path):
+    write_flight(tmp_path / "photos", place=None, xmp={})
+    rows = "".join(f"IMG_{n:04d};{X + 20 * n};{Y};{Z}\n" for n in range(8))
+    (tmp_path / "n.txt").write_text("image;E;N;H\n" + rows)
+    words = ["new-site", "lake", "--photos", str(tmp_path / "photos"), "--root", str(tmp_path)]
+    words += ["--navigation", str(tmp_path / "n.txt"), "--crs", "EPSG:32633", "--vertical-datum", "DHHN2016"]
+    for column in ("photo=image", "x=E", "y=N", "z=H"):
+        words += ["--navigation-column", column]
+    result = CliRunner().invoke(app, words)
+    assert result.exit_code == 0, result.output
+    assert "8 photographs in 1 strip(s), 0 error(s)" in result.output
