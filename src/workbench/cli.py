@@ -93,10 +93,13 @@ def new_site(
 @app.command()
 def check(site: SiteOption, root: RootOption = Path(), params: ParamsOption = None) -> None:
     """List every problem of a site and of the parameters at once."""
-    from workbench.site import check_site, load_site
+    from workbench.site import check_site, load_site, write_overlap
 
-    report = check_site(load_site(site, root), _parameters(root, params))
+    loaded = load_site(site, root)
+    report = check_site(loaded, _parameters(root, params))
     typer.echo(str(report))
+    if report.overlap is not None:
+        typer.echo(f"overlap map: {write_overlap(report.overlap, loaded.products / 'check')}")
     if report.errors:
         raise typer.Exit(1)
 

@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 from photo_files import write_flight
 from pyproj import CRS, Proj, Transformer
-
 from typer.testing import CliRunner
 
 from workbench.cameras import Pose

@@ -10,10 +10,14 @@ import rasterio
 from photo_files import LATITUDE, LONGITUDE, METRE_EAST, METRE_NORTH, truncate, write_flight, write_photo
 from pyproj import Transformer
 from ruamel.yaml import YAML
+from typer.testing import CliRunner
 
+from workbench.cli import app
 from workbench.errors import SiteError
 from workbench.params import Parameters
+from workbench.rasters import read_raster
 from workbench.site import check_site, load_site, new_site
+from workbench.vectors import read_vector
 
 pytestmark = pytest.mark.filterwarnings("ignore::rasterio.errors.NotGeoreferencedWarning")
 DATUM = "DHHN2016 heights"
@@ -73,6 +77,16 @@ def test_overlap_count_is_that_of_the_footprints(tmp_path):
     assert overlap.area(2) == pytest.approx(75 * 50, rel=0.05)
     assert overlap.area(3) == pytest.approx(75 * 10, rel=0.15)
     assert np.isnan(overlap.across)
+
+
+def test_overlap_map_is_written(tmp_path):
+    write_flight(tmp_path / "photos")
+    site = make(tmp_path)
+    result = CliRunner().invoke(app, ["check", "--site", "lake", "--root", str(tmp_path)])
+    assert result.exit_code == 0 and "overlap map" in result.output and "expected time" in result.output
+    count = read_raster(site.products / "check" / "overlap.tif")
+    assert count.max() == 6 and count.rio.crs == site.crs
+    assert len(read_vector(site.products / "check" / "footprints.gpkg")) == 8
 
 
 def test_gimbal_angles_count_from_grid_north(tmp_path):

@@ -7,7 +7,7 @@ from workbench.site.files import load_site
 from workbench.site.model import ControlPoint, Observation, Photograph, Problem, Site
 from workbench.site.navigation import NavigationFormat, read_navigation
 from workbench.site.new import new_site
-from workbench.site.overlap import Overlap, ground_height, overlap_map
+from workbench.site.overlap import Overlap, ground_height, overlap_map, write_overlap
 from workbench.site.strips import find_strips
 
 __all__ = [
@@ -31,4 +31,5 @@ __all__ = [
     "read_gcp_list",
     "read_navigation",
     "read_observations",
+    "write_overlap",
 ]

@@ -12,7 +12,7 @@ from workbench.photographs import photograph_size
 from workbench.site.model import Photograph, Site
 from workbench.site.overlap import ground_height, has_ground_height
 
-# CPU seconds and megabytes on a 2.x GHz core of 2020s make; see estimate_cost for what they multiply.
+# CPU seconds and megabytes of trial runs; see estimate_cost for what they multiply.
 _FEATURES_PER_MEGAPIXEL = 0.8
 _MATCH_PER_PAIR = 0.12
 _MAPPING_PER_PHOTOGRAPH = 0.7
@@ -53,8 +53,8 @@ def estimate_cost(site: Site, parameters: Parameters, *, threads: int | None = N
 
     Features cost by the megapixels that are looked at, candidate pairs and mapping by their number;
     matching by the megapixels of all pairs at all downscales; surface and mosaic by the megapixels of
-    the finest downscale and of the photographs. Coefficients were measured on 18 photographs of
-    9 megapixels (``benchmarks/estimate.py``).
+    the finest downscale and of the photographs. Coefficients come from trials with 18 photographs of
+    9 megapixels; ``benchmarks/estimate.py`` compares them with any finished site.
 
     Parameters
     ----------

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from pathlib import Path
 
 import geopandas as gpd
 import numpy as np
@@ -11,8 +12,9 @@ import xarray as xr
 
 from workbench.cameras import Camera, Pose
 from workbench.errors import SiteError
-from workbench.rasters import Grid, new_raster, read_overview
+from workbench.rasters import Grid, new_raster, read_overview, write_raster
 from workbench.site.model import Photograph, Site
+from workbench.vectors import write_layers
 
 _EDGE_POINTS = 6
 _STEEPEST = np.radians(75)  # Rays flatter than 15 degrees reach the ground too far away to be of use.
@@ -101,6 +103,23 @@ def overlap_map(site: Site, *, ground: float | None = None) -> Overlap:
     )
     forward, across, isolated = _shares(usable, polygons)
     return Overlap(_count(site, polygons), frame, height, source, forward, across, isolated)
+
+
+def write_overlap(overlap: Overlap, folder: Path) -> Path:
+    """Write ``overlap.tif`` (photographs that see each cell) and ``footprints.gpkg``.
+
+    Returns
+    -------
+    Path
+        The raster.
+
+    Raises
+    ------
+    RasterError, VectorError
+        If the folder cannot be written.
+    """
+    write_layers({"footprints": overlap.footprints}, folder / "footprints.gpkg")
+    return write_raster(overlap.count, folder / "overlap.tif")
 
 
 def ground_height(site: Site) -> tuple[float, str]:
