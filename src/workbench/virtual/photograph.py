@@ -127,7 +127,7 @@ def encode_photograph(pixels: np.ndarray, exif: bytes, quality: int) -> bytes:
         facts = Image.Exif()
         facts.load(exif)
         image = Image.fromarray(pixels, "RGBA")
-        image.save(out, "TIFF", exif=facts, compression="tiff_lzw")
+        image.save(out, "TIFF", exif=facts)  # libtiff would drop the EXIF.
     else:
         raise SceneError(f"{pixels.shape[2]} bands cannot be stored: render three or four.")
     return out.getvalue()
