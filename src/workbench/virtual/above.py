@@ -11,9 +11,9 @@ import os
 from concurrent.futures import ThreadPoolExecutor
 from typing import NamedTuple
 
-import numba
 import numpy as np
 
+from workbench.virtual.compiled import inner, kernel
 from workbench.virtual.noise import hash2
 from workbench.virtual.particles import (
     CENTRE,
@@ -101,7 +101,7 @@ def _tree_boxes(trees: np.ndarray, direction: Direction) -> np.ndarray:
     return np.stack([column - reach, column + reach, row - reach, row + reach], axis=1)
 
 
-@numba.njit(error_model="numpy", fastmath=True)
+@inner
 def _mark(top, owner, column, row, radius, z, name):
     """Raise the cells of a disc (or the one cell of a small particle) to a height."""
     rows, columns = top.shape
@@ -121,7 +121,7 @@ def _mark(top, owner, column, row, radius, z, name):
                 owner[i, j] = name
 
 
-@numba.njit(nogil=True, cache=True, error_model="numpy", fastmath=True)
+@kernel
 def _fill_trees(plants, chosen, wind, direction, row0, column0, top, owner):
     rows, columns = top.shape
     cell = np.float32(direction.cell)
@@ -156,14 +156,14 @@ def _fill_trees(plants, chosen, wind, direction, row0, column0, top, owner):
                 pz = z + oz
                 pc = (x + ox + jx - pz * sx - west) / cell
                 pr = (north - y - oy - jy + pz * sy) / cell
-                facing = np.float32(0.35) + np.float32(0.65) * abs(plants.leaves.normal[leaf, 2])
+                facing = max(abs(plants.leaves.normal[leaf, 2]), np.float32(0.25))
                 if clump[KIND] == np.float32(LINE):
                     facing = np.float32(1)
                 radius = np.float32(0.5) * size / cell * np.float32(np.sqrt(facing))
                 _mark(top, owner, pc, pr, radius, pz, index)
 
 
-@numba.njit(nogil=True, cache=True, error_model="numpy", fastmath=True)
+@kernel
 def _fill_reed(reed, wind, direction, row0, column0, top, owner):
     rows, columns = top.shape
     if reed.density.size == 0:
@@ -202,7 +202,7 @@ def _fill_reed(reed, wind, direction, row0, column0, top, owner):
                     _mark(top, owner, column, row, radius, z, REED)
 
 
-@numba.njit(nogil=True, cache=True, error_model="numpy", fastmath=True)
+@kernel
 def _fill_solids(solids, direction, row0, column0, top, owner):
     rows, columns = top.shape
     west = direction.west + column0 * direction.cell

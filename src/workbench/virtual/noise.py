@@ -6,8 +6,9 @@ thread, without storing it. The mixing function is a 32-bit finaliser of the mul
 
 from __future__ import annotations
 
-import numba
 import numpy as np
+
+from workbench.virtual.compiled import inner
 
 _MASK = np.uint64(0xFFFFFFFF)
 _M1 = np.uint64(0x7FEB352D)
@@ -17,7 +18,7 @@ _S15, _S16, _S8 = np.uint64(15), np.uint64(16), np.uint64(8)
 _UNIT = np.float32(1 / 16777216)
 
 
-@numba.njit(error_model="numpy", fastmath=True)
+@inner
 def mix(value):
     """Scramble the low 32 bits of a uint64; numba widens uint32 products, hence the masks."""
     x = np.uint64(value) & _MASK
@@ -29,25 +30,25 @@ def mix(value):
     return x
 
 
-@numba.njit(error_model="numpy", fastmath=True)
+@inner
 def hash2(a, b):
     """Hash of two integers, uint64 with 32 random bits."""
     return mix((mix(np.uint64(a) + _GOLDEN) ^ np.uint64(b)) & _MASK)
 
 
-@numba.njit(error_model="numpy", fastmath=True)
+@inner
 def hash3(a, b, c):
     """Hash of three integers, uint64 with 32 random bits."""
     return hash2(hash2(a, b), c)
 
 
-@numba.njit(error_model="numpy", fastmath=True)
+@inner
 def uniform(h):
     """Float32 in 0..1 (1 excluded) from a hash."""
     return np.float32(np.float32((np.uint64(h) & _MASK) >> _S8) * _UNIT)
 
 
-@numba.njit(error_model="numpy", fastmath=True)
+@inner
 def bilinear(values, column, row):
     """Value of a 2-D array between its samples; positions outside are clamped to the border."""
     rows, columns = values.shape

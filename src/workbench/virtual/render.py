@@ -19,7 +19,7 @@ import xarray as xr
 
 from workbench.cameras import Camera, Pose
 from workbench.errors import SceneError
-from workbench.virtual import splat
+from workbench.virtual import foliage, surfaces, views
 from workbench.virtual.above import Direction, map_from_above
 from workbench.virtual.light import BANDS, Light, light_at
 from workbench.virtual.scene import Scene
@@ -161,7 +161,7 @@ class _Frame:
     """Geometry of one photograph in the local frame of the scene."""
 
     camera: Camera
-    view: splat.View
+    view: views.View
     supersampling: int
     scale: float
     """Edge of a subpixel at a depth of 1 m, m."""
@@ -189,15 +189,19 @@ class _Frame:
             float(max(y.max(), centre[1])),
         )
         focal = 0.5 * (camera.focal_x + camera.focal_y)
-        view = splat.View(
-            np.ascontiguousarray(pose.rotation, dtype=float),
-            centre,
-            np.array([camera.focal_x, camera.focal_y]) * s,
-            np.array([camera.principal_x, camera.principal_y]) * s,
-            np.array(camera.distortion),
-            any(camera.distortion[5:]),
-            float((np.square(rays[:, :2]).sum(axis=1)).max() * _FARTHEST_RADIUS + 0.02),
+        focals = np.array([camera.focal_x, camera.focal_y]) * s
+        principal = np.array([camera.principal_x, camera.principal_y]) * s
+        rational = any(camera.distortion[5:])
+        rotation = np.ascontiguousarray(pose.rotation, dtype=float)
+        distortion = np.array(camera.distortion)
+        lens = views.Lens(
+            rotation.astype(np.float32),
+            distortion.astype(np.float32),
+            np.concatenate([focals, principal]).astype(np.float32),
+            rational,
         )
+        limit = float(np.square(rays[:, :2]).sum(axis=1).max() * _FARTHEST_RADIUS + 0.02)
+        view = views.View(rotation, centre, focals, principal, distortion, rational, limit, lens)
         return cls(camera, view, s, 1 / (focal * s), float(reach.min() / focal), footprint)
 
 
@@ -212,7 +216,7 @@ class _Tools:
     frame: _Frame
 
     def __post_init__(self) -> None:
-        boxes = splat.reach_of_trees(self.world, self.frame.view, self.frame.scale)
+        boxes = views.reach_of_trees(self.world, self.frame.view, self.frame.scale)
         object.__setattr__(self, "tree_boxes", boxes)
         object.__setattr__(self, "body_boxes", _body_boxes(self.world, self.frame))
 
@@ -222,7 +226,7 @@ def _render_tile(tools: _Tools, window: tuple[int, int, int, int], results: dict
     frame, world = tools.frame, tools.world
     s, view, scale = frame.supersampling, frame.view, frame.scale
     shape = ((r1 - r0) * s, (c1 - c0) * s)
-    tile = splat.Tile(
+    tile = views.Tile(
         r0 * s,
         c0 * s,
         np.empty(shape, dtype=np.float32),
@@ -230,19 +234,19 @@ def _render_tile(tools: _Tools, window: tuple[int, int, int, int], results: dict
         np.zeros((*shape, 4), dtype=np.float32),
         np.empty((*shape, 3)),
     )
-    splat.meet_ground(world, view, _lattice(frame.camera, window), _LATTICE * s, tile)
+    views.meet_ground(world, view, _lattice(frame.camera, window), _LATTICE * s, tile)
     top, bottom, left, right = r0 * s, r1 * s, c0 * s, c1 * s
     bodies = tools.body_boxes  # type: ignore[attr-defined]
     near = (bodies[:, 1] < bottom) & (bodies[:, 2] > top) & (bodies[:, 3] < right) & (bodies[:, 4] > left)
     surface = textures()
-    splat.paint_solids(world, surface, tools.light, view, scale, bodies[near], tile)
+    surfaces.paint_solids(world, surface, tools.light, view, scale, bodies[near], tile)
     boxes = tools.tree_boxes  # type: ignore[attr-defined]
     near = (boxes[:, 0] < bottom) & (boxes[:, 1] > top) & (boxes[:, 2] < right) & (boxes[:, 3] > left)
-    splat.paint_trees(world, tools.field, tools.light, view, scale, np.flatnonzero(near), tile)
-    splat.paint_reed(world, tools.field, tools.light, view, scale, _reed_window(world, tile, view), tile)
+    foliage.paint_trees(world, tools.field, tools.light, view, scale, np.flatnonzero(near), tile)
+    foliage.paint_reed(world, tools.field, tools.light, view, scale, _reed_window(world, tile, view), tile)
     cover = np.zeros(shape, dtype=np.uint8)
-    splat.paint_ground(world, surface, tools.light, tools.waves, view, scale, s, cover, tile)
-    splat.resolve(
+    surfaces.paint_ground(world, surface, tools.light, tools.waves, view, scale, s, cover, tile)
+    views.resolve(
         tile,
         cover,
         world.tree_cover,
@@ -266,7 +270,7 @@ def _lattice(camera: Camera, window: tuple[int, int, int, int]) -> np.ndarray:
     return camera.rays(grid)
 
 
-def _reed_window(world: World, tile: splat.Tile, view: splat.View) -> tuple[int, int, int, int]:
+def _reed_window(world: World, tile: views.Tile, view: views.View) -> tuple[int, int, int, int]:
     """Rows and columns of the reed raster whose stems may touch a tile."""
     reed = world.reed
     if reed.density.size == 0:
@@ -288,7 +292,7 @@ def _body_boxes(world: World, frame: _Frame) -> np.ndarray:
     boxes = []
     for body, (x0, y0, z0, x1, y1, z1) in enumerate(world.solids.bounds):
         corners = np.array([(x, y, z) for x in (x0, x1) for y in (y0, y1) for z in (z0, z1)])
-        image = np.array([splat.to_image(frame.view, *corner) for corner in corners])
+        image = np.array([views.to_image(frame.view, *corner) for corner in corners])
         if np.any(image[:, 2] < 0):
             continue
         low, high = np.floor(image.min(axis=0)) - 2, np.ceil(image.max(axis=0)) + 3

@@ -20,19 +20,18 @@ from pydantic import ValidationError
 from rasterio.crs import CRS
 from scipy import ndimage
 from shapely.geometry import LineString, Polygon
-from skimage.measure import find_contours
 
 from workbench.errors import SceneError
 from workbench.rasters import Grid
 from workbench.virtual import bodies
+from workbench.virtual.canopy import ground_rasters, sink_feet
 from workbench.virtual.composition import LineSpec, SceneSpec
-from workbench.virtual.forest import Stem, breast_height_diameter, grow_trees, plant_singles, plant_stand
+from workbench.virtual.forest import Stem, grow_trees, plant_singles, plant_stand
 from workbench.virtual.lake import Shore, measure_shore, shape_lake
 from workbench.virtual.particles import REED_CELL, ReedFields
 from workbench.virtual.reed_belt import Reed, describe_reed, empty_reed_fields, reed_fields
+from workbench.virtual.tables import building_table, lake_polygon, target_table, tree_table
 from workbench.virtual.terrain import land_heights
-from workbench.virtual.trees3d import TreeForm
-from workbench.virtual.understory import ground_rasters, mark_visible, sink_feet
 from workbench.virtual.world import Cover, Ground, Terrain, World
 
 _BORDER = 12.0
@@ -200,11 +199,11 @@ def build_scene(spec: SceneSpec) -> Scene:
         spec.vertical_datum,
         None if spec.lake is None else spec.lake.level,
         origin,
-        _tree_table(stems, forms, feet, world, origin, spec.crs),
+        tree_table(stems, forms, feet, world, origin, spec.crs),
         describe_reed(fields, aoi, spec.reed, origin, spec.crs),
-        _building_table(spec, terrain, origin),
-        _target_table(spec, terrain, origin),
-        _lake_polygon(terrain, level, spec, origin),
+        building_table(spec, terrain, origin),
+        target_table(spec, terrain, origin),
+        lake_polygon(terrain, level, spec, origin),
         world,
     )
 
@@ -315,99 +314,6 @@ def _bodies(
             placed += bodies.boulder(x, y, foot, rng)
             left -= 1
     return placed
-
-
-def _tree_table(
-    stems: list[Stem], forms: list[TreeForm], feet: np.ndarray, world: World, origin: np.ndarray, crs: str
-) -> gpd.GeoDataFrame:
-    visible = mark_visible(world, len(stems))
-    rows = []
-    for index, (stem, form) in enumerate(zip(stems, forms, strict=True)):
-        x, y, ground = stem.x + origin[0], stem.y + origin[1], float(feet[index]) + origin[2]
-        rows.append(
-            {
-                "tree_id": index + 1,
-                "species_group": stem.species_group,
-                "x": x,
-                "y": y,
-                "ground_z": ground,
-                "top_x": x + form.top[0],
-                "top_y": y + form.top[1],
-                "top_z": ground + stem.height,
-                "height_m": stem.height,
-                "dbh_m": breast_height_diameter(stem),
-                "visible": bool(visible[index]),
-                "dead": stem.dead,
-                "understorey": stem.understorey,
-                "geometry": Polygon(form.outline + (x, y)),
-            }
-        )
-    columns = ["tree_id", "species_group", "x", "y", "ground_z", "top_x", "top_y", "top_z", "height_m"]
-    columns += ["dbh_m", "visible", "dead", "understorey", "geometry"]
-    return gpd.GeoDataFrame(rows, columns=columns, geometry="geometry", crs=crs)
-
-
-def _building_table(spec: SceneSpec, terrain: Terrain, origin: np.ndarray) -> gpd.GeoDataFrame:
-    rows = []
-    for b in spec.buildings:
-        a = np.radians(b.azimuth)
-        along, across = np.array([np.sin(a), np.cos(a)]), np.array([-np.cos(a), np.sin(a)])
-        middle = np.array([b.x, b.y]) + origin[:2]
-        signs = [(1, 1), (-1, 1), (-1, -1), (1, -1)]
-        ring = [middle + i * b.length / 2 * along + j * b.width / 2 * across for i, j in signs]
-        ground = float(sink_feet(terrain, [(b.x, b.y)])[0]) + origin[2]
-        rows.append(
-            {
-                "ground_z": ground,
-                "eaves_z": ground + b.eaves,
-                "ridge_z": ground + b.ridge,
-                "geometry": Polygon(ring),
-            }
-        )
-    columns = ["ground_z", "eaves_z", "ridge_z", "geometry"]
-    return gpd.GeoDataFrame(rows, columns=columns, geometry="geometry", crs=spec.crs)
-
-
-def _target_table(spec: SceneSpec, terrain: Terrain, origin: np.ndarray) -> gpd.GeoDataFrame:
-    z = sink_feet(terrain, [(t.x, t.y) for t in spec.targets]) + origin[2]
-    rows = [
-        {
-            "name": t.name,
-            "kind": t.kind,
-            "x": t.x + origin[0],
-            "y": t.y + origin[1],
-            "z": float(h),
-            "edge_m": t.edge,
-        }
-        for t, h in zip(spec.targets, z, strict=True)
-    ]
-    frame = gpd.GeoDataFrame(
-        rows, columns=["name", "kind", "x", "y", "z", "edge_m", "geometry"], crs=spec.crs
-    )
-    return frame.set_geometry(gpd.points_from_xy(frame.x.astype(float), frame.y.astype(float)), crs=spec.crs)
-
-
-def _lake_polygon(
-    terrain: Terrain, level: float | None, spec: SceneSpec, origin: np.ndarray
-) -> Polygon | None:
-    if level is None:
-        return None
-    padded = np.pad(terrain.height, 1, constant_values=1e6)
-    rings = find_contours(padded, level)
-    polygons = []
-    for ring in rings:
-        if len(ring) < 4:
-            continue
-        xy = (
-            (ring[:, ::-1] - 1) * float(terrain.step)
-            + (float(terrain.west), float(terrain.south))
-            + origin[:2]
-        )
-        polygons.append(Polygon(xy).buffer(0))
-    west, south = spec.origin
-    inside = shapely.box(west, south, west + spec.size[0], south + spec.size[1])
-    whole = shapely.union_all([p for p in polygons if p.area > 1]).intersection(inside)
-    return max(getattr(whole, "geoms", [whole]), key=lambda part: part.area)
 
 
 def scene_grid(scene: Scene, resolution: float) -> Grid:

@@ -201,7 +201,8 @@ def plain_cover(world, x, y, z):
 def ground_colour(textures, cover, x, y, level, out):
     """Reflectance of bare ground: material, its own texture, and mottling at three scales.
 
-    ``level`` is that of the finest; the levels of the coarser scales follow from the ratio of their texels to the finest, log2.
+    ``level`` is that of the finest; those of the coarser scales follow from the ratio of their texels to
+    the finest, log2.
     """
     # Bent coordinates: the finest tile repeats nowhere exactly.
     big_level, mid_level, fine_level = level - np.float32(6.276), level - np.float32(3.209), level

@@ -7,8 +7,9 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-import numba
 import numpy as np
+
+from workbench.virtual.compiled import inner
 
 WALL, ROOF_TILES, ROOF_FLAT, STONE, PAINT, GLASS = range(6)
 
@@ -42,7 +43,7 @@ def empty_solids() -> Solids:
     )
 
 
-@numba.njit(error_model="numpy", fastmath=True)
+@inner
 def hit_solid(solids, body, ox, oy, oz, dx, dy, dz):
     """Where the line ``o + t d`` enters and leaves a body: t of both and the row of the plane entered.
 

@@ -10,9 +10,10 @@ from __future__ import annotations
 import functools
 from typing import NamedTuple
 
-import numba
 import numpy as np
 from scipy import ndimage
+
+from workbench.virtual.compiled import inner
 
 TILE = 1024
 """Texels along the edge of a tile."""
@@ -45,13 +46,13 @@ def textures() -> Textures:
     return Textures(np.stack(pyramids), starts, np.array(variance, dtype=np.float32))
 
 
-@numba.njit(error_model="numpy", fastmath=True)
+@inner
 def level_of(footprint, texel):
     """Level (a float) whose texels are as wide as the footprint, both metres."""
     return np.float32(np.log2(max(footprint / texel, np.float32(1))))
 
 
-@numba.njit(error_model="numpy", fastmath=True)
+@inner
 def sample(textures, tile, x, y, texel, level):
     """Texture at a place, m, on the level nearest to ``level``."""
     if level >= _LEVELS - 1.5:
@@ -59,7 +60,7 @@ def sample(textures, tile, x, y, texel, level):
     return _sample_level(textures, tile, x, y, texel, max(int(level + np.float32(0.5)), 0))
 
 
-@numba.njit(error_model="numpy", fastmath=True)
+@inner
 def _sample_level(textures, tile, x, y, texel, level):
     size = TILE >> level
     scale = np.float32(1) / (texel * np.float32(1 << level))

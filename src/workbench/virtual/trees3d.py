@@ -28,7 +28,7 @@ CROWN_SHAPE = {"broadleaf": 2.0, "conifer": 1.2}
 """n of the crown model, typical values of thesis table 2.2."""
 LEAF_DIAMETER = {"broadleaf": 0.06, "conifer": 0.05}
 """Diameter of a disc of foliage, metres: a leaf with its neighbours, a tuft of needles (3-9 cm)."""
-LEAF_AREA_INDEX = {"broadleaf": 3.0, "conifer": 3.2}
+LEAF_AREA_INDEX = {"broadleaf": 2.7, "conifer": 2.8}
 """One-sided leaf area over crown area that takes part in the image; the rest of a real index hides below."""
 
 

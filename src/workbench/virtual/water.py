@@ -9,9 +9,9 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-import numba
 import numpy as np
 
+from workbench.virtual.compiled import inner
 from workbench.virtual.noise import bilinear
 from workbench.virtual.texture import GRAVEL, NOISE, WAVE_EAST, WAVE_NORTH, level_of, sample
 from workbench.virtual.wind import Wind
@@ -41,7 +41,7 @@ def ripples(wind: Wind, exposure: int) -> Ripples:
     return Ripples(shift.astype(np.float32), np.float32(math.sqrt(0.003 + 0.00512 * wind.speed)))
 
 
-@numba.njit(error_model="numpy", fastmath=True)
+@inner
 def shade_water(world, light, textures, waves, x, y, view, footprint, sunlit, out):
     """Radiance of the lake at a place; ``view`` points to the camera. Adds nothing, overwrites ``out``."""
     fine_level, coarse_level = level_of(footprint, _FINE_TEXEL), level_of(footprint, _COARSE_TEXEL)

@@ -15,10 +15,10 @@ import math
 from dataclasses import dataclass
 from typing import NamedTuple
 
-import numba
 import numpy as np
 
 from workbench.errors import SceneError
+from workbench.virtual.compiled import inner, kernel
 from workbench.virtual.noise import bilinear, gaussian_field, hash3, uniform
 
 REFERENCE_SPEED = 4.0
@@ -147,7 +147,7 @@ def displacement(
     return np.stack([east * lift, north * lift], axis=-1)
 
 
-@numba.njit(error_model="numpy", fastmath=True)
+@inner
 def gust(field, x, y):
     """Gusts (east, north) at a place, standard deviation 1."""
     column = (x - field.west) / field.step
@@ -155,7 +155,7 @@ def gust(field, x, y):
     return bilinear(field.east, column, row), bilinear(field.north, column, row)
 
 
-@numba.njit(error_model="numpy", fastmath=True)
+@inner
 def own_sway(field, plant):
     """Sway (east, north) of one tree at its top, m: a sum of uniform numbers, close to normal."""
     a = uniform(hash3(field.seed, plant, 11)) + uniform(hash3(field.seed, plant, 12))
@@ -175,7 +175,7 @@ def _gusts(wind: Wind, x: np.ndarray, y: np.ndarray, generator: np.random.Genera
     return (math.sqrt(_LARGE_SHARE) * large + math.sqrt(1 - _LARGE_SHARE) * small).astype(np.float32)
 
 
-@numba.njit(cache=True)
+@kernel
 def _sample(values, columns, rows):
     result = np.empty(columns.size)
     for i in range(columns.size):
