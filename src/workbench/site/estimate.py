@@ -13,12 +13,12 @@ from workbench.site.model import Photograph, Site
 from workbench.site.overlap import ground_height, has_ground_height
 
 # CPU seconds and megabytes of trial runs; see estimate_cost for what they multiply.
-_FEATURES_PER_MEGAPIXEL = 0.8
+_FEATURES_PER_MEGAPIXEL = 0.6
 _MATCH_PER_PAIR = 0.12
 _MAPPING_PER_PHOTOGRAPH = 0.7
-_DENSE_PER_MEGAPIXEL = 1.6
+_DENSE_PER_MEGAPIXEL = 0.7
 _SURFACE_PER_MEGAPIXEL = 0.6
-_MOSAIC_PER_MEGAPIXEL = 0.8
+_MOSAIC_PER_MEGAPIXEL = 0.8  # Not measured yet: the rest of what a prototype of the chain took.
 _BASE_MEMORY = 500.0
 _FEATURES_MEMORY_PER_MEGAPIXEL = 260.0
 _DECODED_MEMORY_PER_MEGAPIXEL = 40.0
