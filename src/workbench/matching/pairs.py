@@ -13,6 +13,7 @@ from workbench.orientation import Block, OrientedPhotograph
 _LEAST_OVERLAP = 0.2
 _LARGEST_ANGLE = 45.0
 _SAME_VIEW = 25.0
+_LEAST_SIDE_OVERLAP = 0.5
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,11 +63,12 @@ def overlap_at(first: OrientedPhotograph, second: OrientedPhotograph, ground: fl
     return float((second.sees(points) & down).mean())
 
 
-def select_pairs(block: Block, *, inflight: int, across: bool, ground: float) -> list[StereoPair]:
+def select_pairs(block: Block, *, inflight: int, across: bool | None, ground: float) -> list[StereoPair]:
     """Pairs within strips, and on request between neighbouring strips [thesis 4.2].
 
     ``inflight`` n pairs each photograph with the n before and after it in its strip. ``across``
-    pairs it with the nearest photograph of each other strip. A pair needs 20 % overlap, an
+    pairs it with the nearest photograph of each other strip; None does so where the two overlap by
+    half or more. A pair needs 20 % overlap, an
     intersection angle up to 45 degrees, and axes within 25 degrees of each other (cameras of a rig
     that look apart see nothing in common). A photograph without partner in its strip (kites, single
     shots) is paired with its nearest overlapping neighbours instead.
@@ -88,15 +90,16 @@ def select_pairs(block: Block, *, inflight: int, across: bool, ground: float) ->
     paired = {name for names in chosen for name in names}
     for photograph in block:
         alone = photograph.name not in paired
-        if not (across or alone):
+        if across is False and not alone:
             continue
+        least = _LEAST_SIDE_OVERLAP if across is None and not alone else _LEAST_OVERLAP
         for number, photographs in sorted(strips.items()):
             if number == photograph.strip:
                 continue
             nearest = min(
                 photographs, key=lambda p: (np.linalg.norm(p.pose.centre - photograph.pose.centre), p.name)
             )
-            _choose(chosen, photograph, nearest, "across", ground)
+            _choose(chosen, photograph, nearest, "across", ground, least)
     if not chosen:
         raise MatchingError(
             "No two photographs overlap by a fifth with a usable angle: nothing can be matched. "
@@ -114,9 +117,10 @@ def _choose(
     second: OrientedPhotograph,
     kind: str,
     ground: float,
+    least_overlap: float = _LEAST_OVERLAP,
 ) -> None:
     names = (min(first.name, second.name), max(first.name, second.name))
-    if names in chosen or overlap_at(first, second, ground) < _LEAST_OVERLAP:
+    if names in chosen or overlap_at(first, second, ground) < least_overlap:
         return
     cosine = float(first.pose.view_direction @ second.pose.view_direction)
     if np.degrees(np.arccos(np.clip(cosine, -1, 1))) > _SAME_VIEW:

@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 import pyceres
 import pycolmap
+import pycolmap.cost_functions
 
 from workbench.errors import OrientationError
 from workbench.orientation.control import triangulate
@@ -16,7 +17,8 @@ from workbench.site import ControlPoint, Site
 
 _OBLIQUE = 15.0
 _RELIEF = 0.2
-_LEAST_PRIORS = 3
+_LEAST_FIXED = 3
+_PRIOR_LOSS = 2.8  # Standard deviations; 95 % of good positions (chi-square, 3 degrees of freedom).
 _MOST_ITERATIONS = 50
 
 
@@ -32,7 +34,7 @@ def adjust(
 ) -> None:
     """Adjust poses, tie points and lenses in place.
 
-    Residuals: image positions of tie points (robust) and of control points, recorded positions by
+    Residuals: image positions of tie points and of control points, recorded positions by
     their standard deviation (robust), surveyed coordinates of control points by theirs. Checkpoints
     must not be among ``control``.
 
@@ -45,40 +47,55 @@ def adjust(
     options = pycolmap.BundleAdjustmentOptions()
     options.refine_focal_length = free_focal_length
     options.ceres.min_num_residuals_for_cpu_multi_threading = 10**9
-    options.ceres.loss_function_type = pycolmap.LossFunctionType.SOFT_L1
+    # Outliers are dropped by their error, as in the mapping; a robust loss would shift the lens terms.
+    options.ceres.loss_function_type = pycolmap.LossFunctionType.TRIVIAL
     options.ceres.solver_options.max_num_iterations = _MOST_ITERATIONS
     options.print_summary = False
     config = pycolmap.BundleAdjustmentConfig()
     for image_id in sorted(model.reg_image_ids()):
         config.add_image(image_id)
-    priors = _priors(model, site, offset, parameters) if parameters.georeference != "control" else []
-    before = {number: model.point3D(number).xyz.copy() for number in added}
-    if len(priors) >= _LEAST_PRIORS:
-        options_of_priors = pycolmap.PosePriorBundleAdjustmentOptions()
-        options_of_priors.ceres.prior_position_loss_function_type = pycolmap.LossFunctionType.CAUCHY
-        adjuster = pycolmap.create_pose_prior_ceres_bundle_adjuster(
-            options, options_of_priors, config, priors, model
-        )
-    elif len(added) >= _LEAST_PRIORS:
-        config.fix_gauge(pycolmap.BundleAdjustmentGauge.UNSPECIFIED)
-        adjuster = pycolmap.create_default_ceres_bundle_adjuster(options, config, model)
-    else:
+    priors = recorded_positions(model, site, offset, parameters) if parameters.georeference != "control" else {}
+    if max(len(priors), len(added)) < _LEAST_FIXED:
         raise OrientationError(
-            f"Site {site.name}: fewer than three recorded positions and control points fix the block."
+            f"Site {site.name}: fewer than three recorded positions and fewer than three control points in "
+            "registered photographs: nothing fixes the block. Add control points, or measure them in more."
         )
+    # COLMAP's own adjuster for positions first fits the block to them by a similarity of its own, which moves
+    # it against the survey; here positions and survey are residuals of one problem and nothing else.
+    config.fix_gauge(pycolmap.BundleAdjustmentGauge.UNSPECIFIED)
+    adjuster = pycolmap.create_default_ceres_bundle_adjuster(options, config, model)
+    # Image residuals count in pixels; whatever else is measured gets the same unit of weight.
     unit = parameters.observation_sd
+    kept_alive: list[object] = []  # The problem holds bare pointers to what Python owns.
+    for image_id, (position, covariance) in priors.items():
+        pose = model.image(image_id).frame.rig_from_world.params
+        cost = pycolmap.cost_functions.AbsolutePosePositionPriorCost(covariance / unit**2, position)
+        loss = pyceres.CauchyLoss(_PRIOR_LOSS * unit)
+        kept_alive.append((pose, cost, loss))
+        adjuster.problem.add_residual_block(cost, loss, [pose])
     for number, point in added.items():
-        # The adjuster may work in coordinates shifted towards zero: the survey moves along.
-        shift = model.point3D(number).xyz - before[number]
-        target = np.array([point.x, point.y, point.z]) - offset + shift
-        # Image residuals count in pixels; whatever else is measured gets the same unit of weight.
+        place = model.point3D(number).xyz
+        target = np.array([point.x, point.y, point.z]) - offset
         covariance = np.diag(np.square([point.sd_xy, point.sd_xy, point.sd_z])) / unit**2
-        prior = pyceres.factors.NormalPrior(target, covariance)
-        adjuster.problem.add_residual_block(prior, None, [model.point3D(number).xyz])
+        cost = pyceres.factors.NormalPrior(target, covariance)
+        kept_alive.append((place, cost))
+        adjuster.problem.add_residual_block(cost, None, [place])
     adjuster.solve()
-    for number in added:
-        model.delete_point3D(number)
+    _remove_control(model, added)
     model.update_point_3d_errors()
+
+
+def recorded_positions(
+    model: pycolmap.Reconstruction, site: Site, offset: np.ndarray, parameters: OrientParameters
+) -> dict[int, tuple[np.ndarray, np.ndarray]]:
+    """Position (3,) minus offset and covariance (3, 3) of every registered photograph that has one, by image."""
+    by_name = {photograph.name: photograph for photograph in site.photographs}
+    found = {}
+    for image_id in sorted(model.reg_image_ids()):
+        prior = prior_of(by_name[model.image(image_id).name], offset, parameters)
+        if prior is not None:
+            found[image_id] = prior
+    return found
 
 
 def drop_bad_points(model: pycolmap.Reconstruction, limit: float) -> int:
@@ -118,24 +135,6 @@ def focal_length_is_visible(
     )
 
 
-def _priors(
-    model: pycolmap.Reconstruction, site: Site, offset: np.ndarray, parameters: OrientParameters
-) -> list[pycolmap.PosePrior]:
-    by_name = {photograph.name: photograph for photograph in site.photographs}
-    priors = []
-    for image_id in sorted(model.reg_image_ids()):
-        image = model.image(image_id)
-        found = prior_of(by_name[image.name], offset, parameters)
-        if found is not None:
-            prior = pycolmap.PosePrior()
-            prior.corr_data_id = image.data_id
-            prior.position = found[0]
-            prior.position_covariance = found[1] / parameters.observation_sd**2
-            prior.coordinate_system = pycolmap.PosePriorCoordinateSystem.CARTESIAN
-            priors.append(prior)
-    return priors
-
-
 def _add_control(
     model: pycolmap.Reconstruction,
     control: Sequence[ControlPoint],
@@ -158,3 +157,12 @@ def _add_control(
             track.add_element(image.image_id, len(image.points2D) - 1)
         added[model.add_point3D(start, track, np.zeros(3, np.uint8))] = point
     return added
+
+
+def _remove_control(model: pycolmap.Reconstruction, added: Mapping[int, ControlPoint]) -> None:
+    """Take control points and their measurements out again; the tracks of tie points stay as they were."""
+    images = [element.image_id for number in added for element in model.point3D(number).track.elements]
+    for number in added:
+        model.delete_point3D(number)
+    for image_id in images:  # Measurements were appended last, so they are the last ones.
+        model.image(image_id).points2D.pop()

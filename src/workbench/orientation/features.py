@@ -90,20 +90,16 @@ def image_folder(site: Site) -> Path:
     return Path(str(first.path)[: -len(first.name)]) if first.name else first.path.parent
 
 
-def colmap_camera(camera: Camera) -> tuple[str, list[float]]:
-    """Name and parameters of the COLMAP model of a camera.
+def colmap_camera(camera: Camera) -> list[float]:
+    """Parameters of COLMAP's OPENCV model: fx, fy, cx, cy, k1, k2, p1, p2.
 
-    RADIAL (f, cx, cy, k1, k2) unless the camera is stated with tangential terms, then OPENCV (fx, fy,
-    cx, cy, k1, k2, p1, p2): tangential terms act like a shifted principal point, which a block
-    of near-vertical photographs cannot tell from a tilt, so that freeing them bends the block.
+    The tangential terms stand in for the principal point, which the adjustment holds: without them
+    the block of a drone camera that corrects its own lens bends by several centimetres.
     """
-    k1, k2, p1, p2 = camera.distortion[:4]
-    if p1 or p2 or camera.focal_x != camera.focal_y:
-        return "OPENCV", [
-            *(camera.focal_x, camera.focal_y, camera.principal_x, camera.principal_y),
-            *(k1, k2, p1, p2),
-        ]
-    return "RADIAL", [camera.focal_x, camera.principal_x, camera.principal_y, k1, k2]
+    return [
+        *(camera.focal_x, camera.focal_y, camera.principal_x, camera.principal_y),
+        *camera.distortion[:4],
+    ]
 
 
 def _import(site: Site, database: Path, folder: Path) -> None:
@@ -118,8 +114,8 @@ def _import(site: Site, database: Path, folder: Path) -> None:
                 f"{site.folder / 'site.yaml'}: camera '{identifier}' has open questions; answer them first."
             )
         options = pycolmap.ImageReaderOptions()
-        options.camera_model, values = colmap_camera(site.cameras[identifier])
-        options.camera_params = ",".join(f"{value:.10g}" for value in values)
+        options.camera_model = "OPENCV"
+        options.camera_params = ",".join(f"{v:.10g}" for v in colmap_camera(site.cameras[identifier]))
         pycolmap.import_images(
             database, folder, pycolmap.CameraMode.SINGLE, sorted(by_camera[identifier]), options
         )

@@ -122,9 +122,6 @@ def _pose(image: pycolmap.Image, offset: np.ndarray) -> Pose:
 
 
 def _camera(camera: pycolmap.Camera, name: str) -> Camera:
-    if camera.model_name == "RADIAL":
-        focal, cx, cy, k1, k2 = camera.params
-        return Camera(name, camera.width, camera.height, focal, focal, cx, cy, (k1, k2))
     if camera.model_name == "OPENCV":
         fx, fy, cx, cy, *distortion = camera.params
         return Camera(name, camera.width, camera.height, fx, fy, cx, cy, tuple(distortion))

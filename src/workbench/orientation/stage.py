@@ -92,38 +92,6 @@ def _offset(site: Site) -> np.ndarray:
     return offset
 
 
-def _georeference(
-    model: pycolmap.Reconstruction,
-    site: Site,
-    offset: np.ndarray,
-    options: OrientParameters,
-    warnings: list[str],
-) -> list[PointResidual]:
-    measured = by_point(site.observations)
-    use_control = options.georeference != "positions"
-    control = [p for p in site.control if p.role == "control" and use_control and len(measured[p.name]) > 1]
-    placed = sum(p.position is not None for p in site.photographs) >= 3
-    gross: tuple[str, ...] = ()
-    if len(control) >= 3 or options.georeference == "control" or not placed:
-        gross = align_to_control(model, control, measured, offset)
-        for name in gross:
-            warnings.append(f"Control point {name} does not fit the others and is not used: check it.")
-    control = [p for p in control if p.name not in gross]
-    visible, why = focal_length_is_visible(model, control)
-    free = options.focal_length == "free" or (options.focal_length == "auto" and visible)
-    adjust(model, site, offset, options, control=control, measured=measured, free_focal_length=free)
-    if drop_bad_points(model, options.max_reprojection_error):
-        adjust(model, site, offset, options, control=control, measured=measured, free_focal_length=free)
-    if not visible and not control:
-        warnings.append(
-            f"Heights rest on the focal length of the camera table: {why}, and there is no control. "
-            "Add control points, oblique photographs, or a second flying height."
-        )
-    rows = residuals(model, site.control, measured, offset, unused=gross)
-    warnings += doming(rows, site.control)
-    return rows
-
-
 def _reasons(model: pycolmap.Reconstruction, site: Site, database: pycolmap.Database) -> dict[str, str]:
     """Why a photograph has no pose."""
     ids = {image.name: image.image_id for image in database.read_all_images()}

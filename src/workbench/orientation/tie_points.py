@@ -56,7 +56,7 @@ def tie_points(model: pycolmap.Reconstruction, scales: dict[str, np.ndarray] | N
             continue
         rows = np.array([index[p.point3D_id] for _, p in seen])
         measured = np.array([p.xy for _, p in seen])
-        projected, jacobian = _project(image, xyz[rows])
+        projected, jacobian = project_with_derivative(image, xyz[rows])
         np.maximum.at(error, rows, np.linalg.norm(projected - measured, axis=1))
         np.add.at(normal, rows, np.einsum("nij,nik->njk", jacobian, jacobian))
         np.add.at(count, rows, 1)
@@ -87,7 +87,7 @@ def _finest(scales: dict[str, np.ndarray] | None) -> float:
     return float(np.percentile(np.concatenate(list(scales.values())), 1))
 
 
-def _project(image: pycolmap.Image, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def project_with_derivative(image: pycolmap.Image, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Positions (n, 2) and derivatives (n, 2, 3) by the point, px and px/m."""
     matrix = image.cam_from_world().matrix()
     rotation = matrix[:, :3]

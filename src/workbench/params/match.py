@@ -123,8 +123,11 @@ class MatchParameters(Section):
         ge=1,
         le=20,
     )
-    across: bool = parameter(
-        False, "Match also with the photographs of neighbouring strips.", unit="-", source="thesis 4.2"
+    across: bool | None = parameter(
+        None,
+        "Match also with neighbouring strips; null does so where they overlap by half or more.",
+        unit="-",
+        source="thesis 4.2 (off); from half side overlap on the angle is that of usable pairs in the strip",
     )
     downscales: tuple[int, ...] | None = parameter(
         None,

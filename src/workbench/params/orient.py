@@ -86,3 +86,49 @@ class OrientParameters(Section):
     max_reprojection_error: float = parameter(
         4.0, "Tie points beyond are dropped.", unit="px", source="COLMAP default", gt=0, le=100
     )
+    optimise: bool = parameter(
+        False,
+        "Choose the reprojection-error threshold by the error of the checkpoints, which spends them.",
+        unit="-",
+        source="orthomosaic paper 2.4; points of role verify measure the error that is left",
+    )
+    max_reconstruction_uncertainty: float = parameter(
+        50.0,
+        "First filter of the optimisation: longest over shortest axis of a tie point's error ellipsoid.",
+        unit="1",
+        source="orthomosaic paper 2.4 and its scripts",
+        gt=1,
+    )
+    max_projection_accuracy: float = parameter(
+        10.0,
+        "Second filter of the optimisation: mean size of the features relative to the finest.",
+        unit="1",
+        source="orthomosaic paper 2.4 and its scripts",
+        gt=1,
+    )
+    thresholds: tuple[float, ...] = parameter(
+        (4.0, 3.0, 2.0, 1.5, 1.2, 1.0, 0.8, 0.6, 0.5, 0.4, 0.3, 0.2, 0.1),
+        "Reprojection errors that the optimisation tries, descending.",
+        unit="px",
+        source="orthomosaic paper 3.1: best at 0.4, worse at 0.1; begins at the mapping's own limit",
+        min_length=1,
+    )
+    least_tie_points: int = parameter(
+        15,
+        "A photograph with fewer tie points counts as lost.",
+        unit="1",
+        source="fewest matches that connect two photographs in COLMAP",
+        ge=3,
+        le=1000,
+    )
+    folds: int = parameter(
+        5,
+        "Parts of the checkpoints for cross-validation of the optimised error; leave-one-out if fewer points.",
+        unit="1",
+        source="usual",
+        ge=2,
+        le=1000,
+    )
+    repetitions: int = parameter(
+        5, "Seeds to repeat the optimisation with.", unit="1", source="orthomosaic paper 2.4", ge=2, le=1000
+    )

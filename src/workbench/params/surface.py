@@ -35,10 +35,10 @@ class SurfaceParameters(Section):
         le=10,
     )
     min_patch: float = parameter(
-        0.25,
+        1.0,
         "Measured patches smaller than this are removed at each downscale: specks are worse than holes.",
         unit="m2",
-        source="a young crown of half a metre across",
+        source="a crown of about one metre, the smallest single tree",
         ge=0,
         le=1000,
     )
