@@ -2,7 +2,7 @@
 
 from workbench.orientation.block import Block, OrientedPhotograph
 
-__all__ = ["Block", "OrientedPhotograph", "orient_site", "read_block"]
+__all__ = ["Block", "OrientedPhotograph", "orient_site", "predict_observation", "read_block"]
 
 
 def __getattr__(name: str):
@@ -11,6 +11,10 @@ def __getattr__(name: str):
         from workbench.orientation.files import read_block
 
         return read_block
+    if name == "predict_observation":
+        from workbench.orientation.predict import predict_observation
+
+        return predict_observation
     if name == "orient_site":
         from workbench.orientation.stage import orient_site
 

@@ -54,7 +54,9 @@ def adjust(
     config = pycolmap.BundleAdjustmentConfig()
     for image_id in sorted(model.reg_image_ids()):
         config.add_image(image_id)
-    priors = recorded_positions(model, site, offset, parameters) if parameters.georeference != "control" else {}
+    priors = (
+        recorded_positions(model, site, offset, parameters) if parameters.georeference != "control" else {}
+    )
     if max(len(priors), len(added)) < _LEAST_FIXED:
         raise OrientationError(
             f"Site {site.name}: fewer than three recorded positions and fewer than three control points in "
@@ -88,7 +90,7 @@ def adjust(
 def recorded_positions(
     model: pycolmap.Reconstruction, site: Site, offset: np.ndarray, parameters: OrientParameters
 ) -> dict[int, tuple[np.ndarray, np.ndarray]]:
-    """Position (3,) minus offset and covariance (3, 3) of every registered photograph that has one, by image."""
+    """Position (3,) minus offset and covariance (3, 3) of every registered image that has one."""
     by_name = {photograph.name: photograph for photograph in site.photographs}
     found = {}
     for image_id in sorted(model.reg_image_ids()):

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pycolmap
 
 from workbench.cameras import Camera, Pose
@@ -70,6 +71,12 @@ def write_control(rows: Sequence[PointResidual], path: Path) -> None:
         for row in rows:
             numbers = [f"{value:.5f}" for value in (row.dx, row.dy, row.dz, row.reprojection_px)]
             writer.writerow([row.name, row.role, row.photographs, *numbers])
+
+
+def write_table(table: pd.DataFrame, path: Path) -> None:
+    """Write a table as CSV, lengths to a hundredth of a millimetre."""
+    with _replacing(path) as part:
+        table.to_csv(part, index=False, float_format="%.5f", lineterminator="\n")
 
 
 def read_block(folder: Path, site: Site) -> Block:

@@ -3,23 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pandas as pd
 import pycolmap
 
 from workbench.errors import OrientationError
-from workbench.orientation.adjust import adjust, drop_bad_points, focal_length_is_visible
-from workbench.orientation.control import (
-    PointResidual,
-    align_to_control,
-    by_point,
-    residuals,
-    rms,
-)
+from workbench.orientation.adjust import recorded_positions
+from workbench.orientation.control import PointResidual, rms, triangulate
 from workbench.orientation.features import match_features
-from workbench.orientation.files import round_model, write_cameras, write_control, write_model
+from workbench.orientation.files import round_model, write_cameras, write_control, write_model, write_table
+from workbench.orientation.georeference import Georeference, georeference
 from workbench.orientation.mapping import map_block
+from workbench.orientation.optimise import Optimisation, errors_by_role, optimise_tie_points
+from workbench.orientation.precision import pose_covariances
 from workbench.orientation.quality import doming
 from workbench.orientation.tie_points import TiePoints, feature_scales, tie_points
 from workbench.params import OrientParameters, Parameters
@@ -52,13 +51,21 @@ def orient_site(site: Site, parameters: Parameters) -> dict:
         offset = _offset(site)
         database = match_features(site, options, stage.path("work"))
         model, models = map_block(site, database, offset, options, stage.path("work"))
-        warnings: list[str] = []
-        rows = _georeference(model, site, offset, options, warnings)
-        round_model(model)
+        fixed = georeference(model, site, offset, options)
         handle = pycolmap.Database.open(database)
-        points = tie_points(model, feature_scales(handle))
+        scales = feature_scales(handle)
         reasons = _reasons(model, site, handle)
         handle.close()
+        optimisation = _optimise(model, fixed, scales, options) if options.optimise else None
+        if optimisation is not None:
+            model = optimisation.model
+            write_table(optimisation.table(), stage.path("optimisation.csv"))
+            stage.metrics["optimisation"] = _summary(optimisation)
+        stage.metrics |= _precision(model, fixed)
+        round_model(model)
+        points = tie_points(model, scales)
+        rows = fixed.residuals(model)
+        warnings = fixed.warnings() + doming(rows, site.control)
         write_model(model, stage.path("sparse"))
         write_cameras(model, site, offset, reasons, stage.path("cameras.csv"))
         write_control(rows, stage.path("control.csv"))
@@ -69,6 +76,39 @@ def orient_site(site: Site, parameters: Parameters) -> dict:
             warnings.append(f"{len(reasons)} photograph(s) could not be registered, see cameras.csv.")
         stage.metrics.update(_metrics(model, site, offset, rows, points, models, warnings))
     return stage.metrics
+
+
+def repeat_optimisation(site: Site, options: OrientParameters, work: Path) -> pd.DataFrame:
+    """Map, georeference and optimise a site with several seeds [orthomosaic paper 2.4, Table 2].
+
+    Returns
+    -------
+    DataFrame
+        One row a seed: seed, registered, threshold_px, cross_validated_m, and errors by role and axis,
+        metres; :func:`workbench.orientation.optimise.summarise_repetitions` makes Table 2 of it.
+
+    Raises
+    ------
+    OrientationError
+        As :func:`orient_site`; and without checkpoints.
+    """
+    _require_answers(site)
+    offset = _offset(site)
+    rows = []
+    for seed in range(options.seed, options.seed + options.repetitions):
+        seeded = options.model_copy(update={"seed": seed})
+        # Matches depend on the seed too (RANSAC): each seed has its own database.
+        database = match_features(site, seeded, work / f"seed-{seed}")
+        model, _ = map_block(site, database, offset, seeded, work / f"seed-{seed}")
+        fixed = georeference(model, site, offset, seeded)
+        handle = pycolmap.Database.open(database)
+        scales = feature_scales(handle)
+        handle.close()
+        best = _optimise(model, fixed, scales, seeded)
+        row = {"seed": seed, "registered": best.model.num_reg_images(), "threshold_px": best.threshold}
+        row["cross_validated_m"] = best.cross_validated_error
+        rows.append(row | errors_by_role(best.trials[best.best].residuals))
+    return pd.DataFrame(rows)
 
 
 def _require_answers(site: Site) -> None:
@@ -90,6 +130,59 @@ def _offset(site: Site) -> np.ndarray:
     offset = np.floor(np.median(np.array(places), axis=0) / 100) * 100
     offset[2] = 0.0
     return offset
+
+
+def _optimise(
+    model: pycolmap.Reconstruction,
+    fixed: Georeference,
+    scales: dict[str, np.ndarray],
+    options: OrientParameters,
+) -> Optimisation:
+    return optimise_tie_points(
+        model,
+        fixed.adjust,
+        fixed.residuals,
+        scales=scales,
+        thresholds=options.thresholds,
+        max_reconstruction_uncertainty=options.max_reconstruction_uncertainty,
+        max_projection_accuracy=options.max_projection_accuracy,
+        least_tie_points=options.least_tie_points,
+        folds=options.folds,
+    )
+
+
+def _summary(optimisation: Optimisation) -> dict[str, Any]:
+    return {
+        "threshold_px": optimisation.threshold,
+        "optimised_error_m": round(optimisation.optimised_error, 5),
+        "cross_validated_error_m": round(optimisation.cross_validated_error, 5),
+        "verify_error_m": optimisation.verify_error and round(optimisation.verify_error, 5),
+        "interior": optimisation.is_interior,
+        "stopped": optimisation.stopped,
+    }
+
+
+def _precision(model: pycolmap.Reconstruction, fixed: Georeference) -> dict[str, float | None]:
+    """Median standard deviations of the poses; a thousandth of a millimetre is noise of the arithmetic."""
+    positions = recorded_positions(model, fixed.site, fixed.offset, fixed.options)
+    priors = {model.image(number).name: covariance for number, (_, covariance) in positions.items()}
+    surveyed = []
+    for point in fixed.control:
+        place = triangulate(model, fixed.measured.get(point.name, []))
+        if place is not None:
+            names = [photo for photo, _, _ in fixed.measured[point.name]]
+            surveyed.append((place, names, np.diag(np.square([point.sd_xy, point.sd_xy, point.sd_z]))))
+    if fixed.options.georeference == "control":
+        priors = {}
+    covariances = pose_covariances(
+        model, priors, fixed_points=surveyed, observation_sd=fixed.options.observation_sd
+    )
+    sd = np.sqrt(np.median([np.diag(c) for c in covariances.values()], axis=0))
+    return {
+        "pose_sd_xy_m": round(float(np.hypot(sd[0], sd[1])), 5),
+        "pose_sd_z_m": round(float(sd[2]), 5),
+        "pose_sd_turn_deg": round(float(np.degrees(sd[3:].max())), 6),
+    }
 
 
 def _reasons(model: pycolmap.Reconstruction, site: Site, database: pycolmap.Database) -> dict[str, str]:
@@ -143,7 +236,7 @@ def _metrics(
     gnss = np.sqrt(np.mean(np.sum(np.square(differences), axis=1))) if differences else None
     values: dict[str, Any] = {
         "registered": model.num_reg_images(),
-        "photographs": len(site.photographs),
+        "photos": len(site.photographs),
         "models": models,
         "reprojection_error_px": round(model.compute_mean_reprojection_error(), 4),
         "tie_points": len(points.numbers),

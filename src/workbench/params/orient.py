@@ -123,7 +123,7 @@ class OrientParameters(Section):
     )
     folds: int = parameter(
         5,
-        "Parts of the checkpoints for cross-validation of the optimised error; leave-one-out if fewer points.",
+        "Parts of the checkpoints to cross-validate the optimised error; leave-one-out if fewer points.",
         unit="1",
         source="usual",
         ge=2,

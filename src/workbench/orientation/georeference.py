@@ -1,0 +1,102 @@
+"""From a free or roughly placed model to the site's CRS: by positions, control points, or both."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+import pycolmap
+
+from workbench.orientation.adjust import adjust, drop_bad_points, focal_length_is_visible
+from workbench.orientation.control import PointResidual, align_to_control, by_point, residuals
+from workbench.params import OrientParameters
+from workbench.site import ControlPoint, Site
+
+_LEAST_CONTROL = 3
+_LEAST_PLACED = 3
+
+
+@dataclass(frozen=True, eq=False)
+class Georeference:
+    """What fixes a block, and how to adjust and to measure it again after its tie points changed."""
+
+    site: Site
+    """The site."""
+    offset: np.ndarray
+    """(3,) site coordinates minus model coordinates, metres."""
+    options: OrientParameters
+    """Parameters of the stage."""
+    measured: Mapping[str, list[tuple[str, float, float]]]
+    """Image measurements of surveyed points by name."""
+    control: tuple[ControlPoint, ...]
+    """Control points in the adjustment; never one of role check or verify."""
+    gross: tuple[str, ...]
+    """Control points left out because they contradict the others."""
+    free_focal_length: bool
+    """Whether the focal length is adjusted."""
+    focal_length_reason: str
+    """What lets the block see its focal length, or hides it."""
+    visible: bool
+    """Whether the block can see its focal length."""
+
+    def adjust(self, model: pycolmap.Reconstruction) -> None:
+        """Adjust the bundle in place."""
+        adjust(
+            model,
+            self.site,
+            self.offset,
+            self.options,
+            control=self.control,
+            measured=self.measured,
+            free_focal_length=self.free_focal_length,
+        )
+
+    def residuals(self, model: pycolmap.Reconstruction) -> list[PointResidual]:
+        """Residual of every surveyed point of the site."""
+        return residuals(model, self.site.control, self.measured, self.offset, unused=self.gross)
+
+    def warnings(self) -> list[str]:
+        """What the user should know of the way the block is fixed."""
+        found = [f"Control point {name} does not fit the others and is not used." for name in self.gross]
+        if not self.visible and not self.control:
+            found.append(
+                f"Heights rest on the focal length of the camera table: {self.focal_length_reason}, and "
+                "there is no control. Add control points, oblique photographs, or a second flying height."
+            )
+        if self.control and all(point.role == "control" for point in self.site.control):
+            found.append(
+                "All surveyed points are control: nothing measures the error of the block. "
+                "Give some of them the role check."
+            )
+        return found
+
+
+def georeference(
+    model: pycolmap.Reconstruction, site: Site, offset: np.ndarray, options: OrientParameters
+) -> Georeference:
+    """Place and adjust a model in place, in the site's CRS minus ``offset``.
+
+    A similarity onto the control points comes first where there are three of them (robust: points
+    that contradict the others are named and left out), then the weighted adjustment.
+
+    Raises
+    ------
+    OrientationError
+        If neither positions nor control points fix the block.
+    """
+    measured = by_point(site.observations)
+    use_control = options.georeference != "positions"
+    control = [p for p in site.control if p.role == "control" and use_control and len(measured[p.name]) > 1]
+    placed = sum(p.position is not None for p in site.photographs) >= _LEAST_PLACED
+    gross: tuple[str, ...] = ()
+    if len(control) >= _LEAST_CONTROL or options.georeference == "control" or not placed:
+        gross = align_to_control(model, control, measured, offset)
+    control = [p for p in control if p.name not in gross]
+    visible, why = focal_length_is_visible(model, control)
+    free = options.focal_length == "free" or (options.focal_length == "auto" and visible)
+    result = Georeference(site, offset, options, measured, tuple(control), gross, free, why, visible)
+    result.adjust(model)
+    if drop_bad_points(model, options.max_reprojection_error):
+        result.adjust(model)
+    return result
