@@ -133,6 +133,43 @@ def test_truth_describes_the_scene(site):
     assert np.hypot(x - scanned.top_x, y - scanned.top_y).max() < 0.2
 
 
+def test_rays_of_two_photographs_meet_on_the_true_surface(site, poses):
+    first, second = site.photographs[2:4]
+    camera = site.cameras[first.camera]
+    sift = cv2.SIFT_create(3000, contrastThreshold=0.01)
+    found = [sift.detectAndCompute(read_photograph(p.path)[..., 1], None) for p in (first, second)]
+    pairs = cv2.BFMatcher().knnMatch(found[0][1], found[1][1], k=2)
+    pairs = [a for a, b in pairs if a.distance < 0.7 * b.distance]
+    places = [
+        np.array([found[0][0][a.queryIdx].pt for a in pairs]) + 0.5,
+        np.array([found[1][0][a.trainIdx].pt for a in pairs]) + 0.5,
+    ]
+    shots = [poses[p.path.stem] for p in (first, second)]
+    rays = [pose.to_world(camera.rays(at)) for pose, at in zip(shots, places, strict=True)]
+    points = np.array(
+        [nearest_point(shots[0].centre, a, shots[1].centre, b) for a, b in zip(*rays, strict=True)]
+    )
+    dsm = read_raster(site.truth / "dsm_mean.tif")
+    inside = (
+        (points[:, 0] > float(dsm.x[0])) & (points[:, 0] < float(dsm.x[-1]))
+        & (points[:, 1] < float(dsm.y[0])) & (points[:, 1] > float(dsm.y[-1]))
+    )  # fmt: skip
+    points = points[inside]
+    columns = ((points[:, 0] - float(dsm.x[0])) / 0.25).round().astype(int)
+    rows = ((float(dsm.y[0]) - points[:, 1]) / 0.25).round().astype(int)
+    off = points[:, 2] - dsm.values[rows, columns]
+    assert len(off) > 150
+    # Half a pixel of parallax at the angle of this pair is the height of 0.17 m.
+    angle = np.linalg.norm(shots[1].centre - shots[0].centre) / (shots[0].centre[2] - 401)
+    assert abs(np.median(off)) < 0.25 * 0.06 / angle
+    assert 1.4826 * np.median(np.abs(off - np.median(off))) < 0.5 * 0.06 / angle
+
+
+def nearest_point(a: np.ndarray, u: np.ndarray, b: np.ndarray, v: np.ndarray) -> np.ndarray:
+    s, t = np.linalg.lstsq(np.stack([u, -v], axis=1), b - a, rcond=None)[0]
+    return (a + s * u + b + t * v) / 2
+
+
 def contents(folder: Path) -> dict[str, bytes]:
     return {
         p.relative_to(folder).as_posix(): p.read_bytes() for p in sorted(folder.rglob("*")) if p.is_file()
