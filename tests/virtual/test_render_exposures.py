@@ -136,6 +136,32 @@ def test_vegetation_has_plausible_indices(grove):
     assert np.median(ndvi[cover == Cover.WATER]) < 0.1
 
 
+def test_water_glints_towards_the_sun_and_not_away_from_it(grove):
+    east, north, _ = _sun(grove)
+    light_azimuth = np.degrees(np.arctan2(east, north))
+    lake = np.array([600000.0, 5300026.0, 100.0])
+    levels = []
+    for azimuth in (light_azimuth, light_azimuth + 180):
+        # The camera stands opposite to where it looks, as high above the horizon as the sun.
+        towards = np.radians(azimuth)
+        slant = np.arcsin(_sun(grove)[2])
+        back = np.array([np.sin(towards), np.cos(towards), 0]) * np.cos(slant)
+        centre = lake - 60 * back + [0, 0, 60 * np.sin(slant)]
+        camera = Camera("narrow", 40, 40, 800, 800, 20, 20)
+        pose = Pose.from_roll_pitch_heading(centre, 0, 0, azimuth, tilt_forward=90 - np.degrees(slant))
+        photograph = render(grove, camera, pose, time=NOON)
+        water = photograph.cover.values == Cover.WATER
+        assert water.mean() > 0.5
+        levels.append(photograph.radiance.sel(band="nir").values[water].mean())
+    assert levels[0] > 5 * levels[1]
+
+
+def _sun(scene):
+    from workbench.virtual.light import sun_direction
+
+    return sun_direction(NOON, *scene.longitude_latitude)
+
+
 @pytest.mark.parametrize(
     ("change", "message"),
     [

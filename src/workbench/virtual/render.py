@@ -12,7 +12,6 @@ from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from datetime import datetime
-from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -25,7 +24,7 @@ from workbench.virtual.light import BANDS, Light, light_at
 from workbench.virtual.scene import Scene
 from workbench.virtual.shade import LightMap, coarsen
 from workbench.virtual.texture import textures
-from workbench.virtual.water import ripples
+from workbench.virtual.water import Ripples, ripples
 from workbench.virtual.wind import Wind, WindField, wind_field
 from workbench.virtual.world import World
 
@@ -98,7 +97,15 @@ def render(
     west, south, east, north = frame.footprint
     field = wind_field(wind, exposure, (west - 60, south - 60, east + 60, north + 60))
     light_map = shadow_map(world, field, light, frame.footprint, frame.pixel, threads=threads)
-    tools = _Tools(world, field, light_map, ripples(wind, exposure), frame)
+    tools = _Tools(
+        world,
+        field,
+        light_map,
+        ripples(wind, exposure),
+        frame,
+        views.reach_of_trees(world, frame.view, frame.scale),
+        _body_boxes(world, frame),
+    )
     results = _empty(camera)
     windows = [
         (r, min(r + tile, camera.height), c, min(c + tile, camera.width))
@@ -212,13 +219,12 @@ class _Tools:
     world: World
     field: WindField
     light: LightMap
-    waves: Any
+    waves: Ripples
     frame: _Frame
-
-    def __post_init__(self) -> None:
-        boxes = views.reach_of_trees(self.world, self.frame.view, self.frame.scale)
-        object.__setattr__(self, "tree_boxes", boxes)
-        object.__setattr__(self, "body_boxes", _body_boxes(self.world, self.frame))
+    tree_boxes: np.ndarray
+    """First and last row and column (n, 4), subpixels, that each tree can touch."""
+    body_boxes: np.ndarray
+    """Body, first and last row and column (n, 5), subpixels, of every body in the photograph."""
 
 
 def _render_tile(tools: _Tools, window: tuple[int, int, int, int], results: dict[str, np.ndarray]) -> None:
@@ -236,11 +242,11 @@ def _render_tile(tools: _Tools, window: tuple[int, int, int, int], results: dict
     )
     views.meet_ground(world, view, _lattice(frame.camera, window), _LATTICE * s, tile)
     top, bottom, left, right = r0 * s, r1 * s, c0 * s, c1 * s
-    bodies = tools.body_boxes  # type: ignore[attr-defined]
+    bodies = tools.body_boxes
     near = (bodies[:, 1] < bottom) & (bodies[:, 2] > top) & (bodies[:, 3] < right) & (bodies[:, 4] > left)
     surface = textures()
     surfaces.paint_solids(world, surface, tools.light, view, scale, bodies[near], tile)
-    boxes = tools.tree_boxes  # type: ignore[attr-defined]
+    boxes = tools.tree_boxes
     near = (boxes[:, 0] < bottom) & (boxes[:, 1] > top) & (boxes[:, 2] < right) & (boxes[:, 3] > left)
     foliage.paint_trees(world, tools.field, tools.light, view, scale, np.flatnonzero(near), tile)
     foliage.paint_reed(world, tools.field, tools.light, view, scale, _reed_window(world, tile, view), tile)

@@ -9,6 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import cached_property
 from importlib.resources import files
+from importlib.resources.abc import Traversable
 from pathlib import Path
 
 import geopandas as gpd
@@ -22,7 +23,6 @@ from scipy import ndimage
 from shapely.geometry import LineString, Polygon
 
 from workbench.errors import SceneError
-from workbench.rasters import Grid
 from workbench.virtual import bodies
 from workbench.virtual.canopy import ground_rasters, sink_feet
 from workbench.virtual.composition import LineSpec, SceneSpec
@@ -316,10 +316,5 @@ def _bodies(
     return placed
 
 
-def scene_grid(scene: Scene, resolution: float) -> Grid:
-    """Grid over the extent of a scene."""
-    return Grid.from_bounds(scene.crs, scene.extent, resolution)
-
-
-def _shipped():  # type: ignore[no-untyped-def]
+def _shipped() -> Traversable:
     return files("workbench.virtual") / "scenes"
