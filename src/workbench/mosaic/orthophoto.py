@@ -9,10 +9,12 @@ from __future__ import annotations
 import math
 import tempfile
 from collections.abc import Iterable, Iterator
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 
 import geopandas as gpd
+import numba
 import numpy as np
 import xarray as xr
 
@@ -25,11 +27,12 @@ from workbench.mosaic.views import best_views, steepest_tangent
 from workbench.orientation import Block
 from workbench.params import MosaicParameters
 from workbench.photographs import read_photograph
-from workbench.rasters import Grid, RasterWriter, new_raster
+from workbench.rasters import Grid, RasterWriter, Tile, new_raster
 from workbench.surface.filling import FilledHeights, fill_heights
 
 _TILE = 1024
 _STRIP = 1024
+_THREADS = 2
 _WALL = 2.0  # Neighbouring cells that differ by more than this many cells are steeper than 63 degrees.
 
 NOT_SEEN, MEASURED, INTERPOLATED, HIDDEN = 0, 1, 2, 3
@@ -162,7 +165,9 @@ def _sources(
     margin = math.ceil(relief * steepest_tangent(table) / surface_grid.resolution)
     source = np.zeros(grid.shape, np.uint16)
     validity = np.zeros(grid.shape, np.uint8)
-    for tile in surface_grid.tiles(max(_TILE, margin), margin if parameters.visibility else 0):
+    tolerance = parameters.visibility_tolerance if parameters.visibility else None
+
+    def decide(tile: Tile) -> tuple[np.ndarray, np.ndarray]:
         rows, columns = tile.padded
         z, measured = heights.window(rows, columns)
         wish = labels[_lookup(surface_grid, coarse, rows, columns)]
@@ -175,13 +180,18 @@ def _sources(
             first_row=rows.start,
             first_column=columns.start,
             preferred=wish,
-            tolerance=parameters.visibility_tolerance if parameters.visibility else None,
+            tolerance=tolerance,
             wanted=wanted,
         )
         flags = np.where(chosen > 0, np.where(measured, MEASURED, INTERPOLATED), 0).astype(np.uint8)
         flags[(chosen == 0) & (wish > 0)] = HIDDEN
-        _spread(tile.core, surface_grid, grid, chosen[tile.inner], source)
-        _spread(tile.core, surface_grid, grid, flags[tile.inner], validity)
+        return chosen[tile.inner], flags[tile.inner]
+
+    tiles = list(surface_grid.tiles(max(_TILE, margin), margin if parameters.visibility else 0))
+    with ThreadPoolExecutor(_THREADS) as pool:
+        for tile, (chosen, flags) in zip(tiles, pool.map(decide, tiles), strict=True):
+            _spread(tile.core, surface_grid, grid, chosen, source)
+            _spread(tile.core, surface_grid, grid, flags, validity)
     return source, validity
 
 
@@ -215,16 +225,36 @@ def _heights_at(
     top, left = int(y.min()), int(x.min())
     bottom, right = min(int(y.max()) + 2, base.height), min(int(x.max()) + 2, base.width)
     z, measured = heights.window(slice(top, bottom), slice(left, right))
-    i, j = (y - top).astype(int), (x - left).astype(int)
-    i2, j2 = np.minimum(i + 1, z.shape[0] - 1), np.minimum(j + 1, z.shape[1] - 1)
-    down, across = (y - top - i)[:, None].astype(np.float32), (x - left - j).astype(np.float32)
-    corners = [z[np.ix_(a, b)] for a in (i, i2) for b in (j, j2)]
-    smooth = (corners[0] * (1 - across) + corners[1] * across) * (1 - down)
-    smooth += (corners[2] * (1 - across) + corners[3] * across) * down
-    # Between the top and the foot of a wall there is no height: a cell belongs to one of them.
-    wall = np.maximum.reduce(corners) - np.minimum.reduce(corners) > _WALL * base.resolution
-    nearest = np.ix_(np.where(y - top - i < 0.5, i, i2), np.where(x - left - j < 0.5, j, j2))
-    return np.where(wall, z[nearest], smooth), measured[nearest]
+    return _between(z, measured, y - top, x - left, _WALL * base.resolution)
+
+
+@numba.njit(cache=True, nogil=True)
+def _between(
+    z: np.ndarray, measured: np.ndarray, y: np.ndarray, x: np.ndarray, wall: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """Bilinear heights at rows y and columns x (cells, from the first centre).
+
+    Between the top and the foot of a wall there is no height: a cell there belongs to one of them.
+    """
+    rows, columns = z.shape
+    heights = np.empty((len(y), len(x)), np.float32)
+    known = np.empty((len(y), len(x)), np.bool_)
+    for i in range(len(y)):
+        top = int(y[i])
+        bottom, down = min(top + 1, rows - 1), np.float32(y[i] - top)
+        near_row = top if down < 0.5 else bottom
+        for j in range(len(x)):
+            left = int(x[j])
+            right, across = min(left + 1, columns - 1), np.float32(x[j] - left)
+            near_column = left if across < 0.5 else right
+            a, b, c, d = z[top, left], z[top, right], z[bottom, left], z[bottom, right]
+            known[i, j] = measured[near_row, near_column]
+            if max(max(a, b), max(c, d)) - min(min(a, b), min(c, d)) > wall:
+                heights[i, j] = z[near_row, near_column]
+            else:
+                upper, lower = a * (1 - across) + b * across, c * (1 - across) + d * across
+                heights[i, j] = upper * (1 - down) + lower * down
+    return heights, known
 
 
 def _write_colours(

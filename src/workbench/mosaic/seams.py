@@ -68,9 +68,9 @@ def find_seams(
 ) -> np.ndarray:
     """Preferred photograph of every coarse cell.
 
-    ``best-view`` takes the smallest angle from the vertical. ``graph-cut`` lets a seam wander where
-    neighbours look alike, within the band in which their views are about equally good
-    (OpenCV's graph-cut seam finder on colour and gradient).
+    ``best-view`` takes the smallest angle from the vertical. ``shortest-path`` lets a seam wander
+    where neighbours look alike, within the band in which their views are about equally good
+    (OpenCV's dynamic-programming seam finder on colour and gradient).
 
     Returns
     -------
@@ -84,7 +84,7 @@ def find_seams(
         better = view.tangent < best[window]
         best[window][better] = view.tangent[better]
         labels[window][better] = view.index + 1
-    if method == "graph-cut" and len(previews) > 1:
+    if method == "shortest-path" and len(previews) > 1:
         _cut(previews, best, labels, band)
     return labels
 
@@ -118,7 +118,7 @@ def seamline_polygons(
 def _cut(previews: Sequence[Preview], best: np.ndarray, labels: np.ndarray, band: float) -> None:
     images, corners, masks, chosen = [], [], [], []
     for view in previews:
-        usable = view.tangent <= best[view.rows, view.columns] + band
+        usable = np.isfinite(view.tangent) & (view.tangent <= best[view.rows, view.columns] + band)
         rows, columns = np.flatnonzero(usable.any(1)), np.flatnonzero(usable.any(0))
         if not len(rows):
             continue
@@ -131,7 +131,7 @@ def _cut(previews: Sequence[Preview], best: np.ndarray, labels: np.ndarray, band
         masks.append(np.ascontiguousarray(usable[part], dtype=np.uint8) * 255)
         corners.append((left, top))
         chosen.append(view.index)
-    finder = cv2.detail.GraphCutSeamFinder("COST_COLOR_GRAD")
+    finder = cv2.detail.DpSeamFinder("COLOR_GRAD")
     for index, (left, top), mask in zip(chosen, corners, finder.find(images, corners, masks), strict=True):
         keep = np.asarray(mask.get() if isinstance(mask, cv2.UMat) else mask) > 0
         labels[top : top + keep.shape[0], left : left + keep.shape[1]][keep] = index + 1

@@ -43,8 +43,8 @@ class MosaicParameters(Section):
         ge=0,
         le=50,
     )
-    seams: Literal["graph-cut", "best-view"] = parameter(
-        "graph-cut",
+    seams: Literal["shortest-path", "best-view"] = parameter(
+        "shortest-path",
         "Seamlines through low difference between neighbours, or where the better view changes.",
         unit="-",
         source="thesis 2.3.1.2; best-view is the plain rule of smallest angle",
