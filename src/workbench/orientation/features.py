@@ -14,15 +14,21 @@ from workbench.cameras import Camera
 from workbench.errors import OrientationError
 from workbench.params import OrientParameters
 from workbench.site import Photograph, Site
+from workbench.stages import read_json, write_json
 
 # Its own log repeats what metrics and errors say, hundreds of lines long.
 pycolmap.logging.minloglevel = 2
+
+# Matches are verified at random and depend on which pairs there are, so seed and neighbours count.
+_DECISIVE = {"max_image_size", "first_octave", "max_features", "max_matches", "neighbours", "seed"}
 
 
 def match_features(site: Site, parameters: OrientParameters, work: Path) -> Path:
     """Find features in all photographs and match the pairs that may overlap.
 
-    What a database of the same options already holds is not computed again.
+    What a database of the same options and the same photographs (by content) already holds is not
+    computed again, wherever an earlier run was interrupted. Photographs may be added; a photograph
+    that changed under its old name starts the database anew.
 
     Returns
     -------
@@ -37,6 +43,7 @@ def match_features(site: Site, parameters: OrientParameters, work: Path) -> Path
     work.mkdir(parents=True, exist_ok=True)
     database = work / f"features-{_options_key(site, parameters)}.db"
     folder = image_folder(site)
+    _forget_changed(site, database)
     pycolmap.set_random_seed(parameters.seed)
     _import(site, database, folder)
     names = [_name(photograph, folder) for photograph in site.photographs]
@@ -126,6 +133,22 @@ def _import(site: Site, database: Path, folder: Path) -> None:
     handle.close()
 
 
+def _forget_changed(site: Site, database: Path) -> None:
+    """Delete a database that was made from other pixels; note what this one is made from."""
+    record = database.with_suffix(".json")
+    known = read_json(record) if record.exists() else {}
+    now = {photograph.name: _digest(photograph.path) for photograph in site.photographs}
+    if any(known.get(name, digest) != digest for name, digest in now.items()):
+        database.unlink(missing_ok=True)
+        known = {}
+    write_json(known | now, record)
+
+
+def _digest(path: Path) -> str:
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "blake2b").hexdigest()[:32]
+
+
 def _name(photograph: Photograph, folder: Path) -> str:
     return os.path.relpath(photograph.path, folder)
 
@@ -133,5 +156,6 @@ def _name(photograph: Photograph, folder: Path) -> str:
 def _options_key(site: Site, parameters: OrientParameters) -> str:
     """Names what the content of a database depends on, beside the photographs that it lists itself."""
     cameras = {name: colmap_camera(camera) for name, camera in sorted(site.cameras.items())}
-    text = f"{parameters.max_image_size} {parameters.first_octave} {parameters.max_features} {cameras}"
+    options = parameters.model_dump(include=_DECISIVE)
+    text = f"{sorted(options.items())} {cameras}"
     return hashlib.blake2b(text.encode(), digest_size=6).hexdigest()

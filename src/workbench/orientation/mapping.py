@@ -53,6 +53,8 @@ def map_block(
     options.triangulation.min_angle = _LEAST_ANGLE
     options.min_model_size = 2
     options.extract_colors = False
+    # The database may remember photographs that the site has set aside since.
+    options.image_names = [photograph.name for photograph in site.photographs]
     folder = work / "models"
     shutil.rmtree(folder, ignore_errors=True)
     folder.mkdir(parents=True)

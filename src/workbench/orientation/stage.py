@@ -243,7 +243,7 @@ def _metrics(
         "observations": model.compute_num_observations(),
         "gnss_rms_m": None if gnss is None else round(float(gnss), 4),
         "offset": offset.tolist(),
-        "focal_length_px": {c.camera_id: round(float(c.params[0]), 3) for c in model.cameras.values()},
+        "focal_length_px": {str(c.camera_id): round(float(c.params[0]), 3) for c in model.cameras.values()},
     }
     for role in ("control", "check", "verify"):
         horizontal, vertical = rms(rows, role)

@@ -1,0 +1,180 @@
+"""Weighted adjustment, control and checkpoints against the truth of virtual blocks."""
+
+from dataclasses import replace
+
+import numpy as np
+import pycolmap
+import pytest
+from conftest import GSD, OFFSET  # type: ignore[import-not-found]
+
+from workbench.errors import OrientationError
+from workbench.orientation.control import rms
+from workbench.orientation.georeference import georeference
+from workbench.orientation.precision import pose_covariances
+from workbench.params import OrientParameters
+
+OPTIONS = OrientParameters(threads=1)
+
+
+def centre_errors(block):
+    return {
+        name: block.model.find_image_with_name(name).projection_center() + OFFSET - pose.centre
+        for name, pose in block.poses.items()
+    }
+
+
+def free_frame(block):
+    """Move a model into a frame that knows nothing of the site."""
+    turn = pycolmap.Rotation3d(np.array([0.2, -0.4, 0.3, 0.8]) / np.linalg.norm([0.2, -0.4, 0.3, 0.8]))
+    block.model.transform(pycolmap.Sim3d(0.13, turn, np.array([5.0, -3.0, 2.0])))
+
+
+def without_positions(site):
+    return replace(site, photographs=tuple(replace(p, position=None) for p in site.photographs))
+
+
+@pytest.mark.parametrize("georeference_by", ["positions", "control", "both"])
+def test_each_way_to_fix_a_block_finds_the_truth(virtual_block, georeference_by):
+    block = virtual_block(disturb=0.05)
+    options = OPTIONS.model_copy(update={"georeference": georeference_by})
+    fixed = georeference(block.model, block.site, OFFSET, options)
+    horizontal, vertical = rms(fixed.residuals(block.model), "check")
+    assert horizontal <= 2 * GSD
+    assert vertical <= (6 if georeference_by == "positions" else 3) * GSD
+    assert bool(fixed.control) == (georeference_by != "positions")
+
+
+def test_control_alone_places_a_free_model(virtual_block):
+    block = virtual_block()
+    free_frame(block)
+    fixed = georeference(block.model, without_positions(block.site), OFFSET, OPTIONS)
+    rows = fixed.residuals(block.model)
+    assert rms(rows, "check")[0] <= 2 * GSD
+    assert max(np.linalg.norm(e) for e in centre_errors(block).values()) < 0.15
+
+
+def test_precise_control_wins_over_shifted_positions(virtual_block):
+    """Positions 1 m off but said to be good to 2 m: control of 5 mm must hold to its own precision."""
+    block = virtual_block()
+    shifted = tuple(
+        replace(p, position=tuple(np.add(p.position, (1, 1, 1))), position_sd=(2.0, 2.0, 2.0))
+        for p in block.site.photographs
+    )
+    fixed = georeference(block.model, replace(block.site, photographs=shifted), OFFSET, OPTIONS)
+    horizontal, vertical = rms(fixed.residuals(block.model), "control")
+    assert horizontal < 0.02
+    assert vertical < 0.03
+
+
+def test_control_of_low_weight_does_not_bend_the_block(virtual_block):
+    block = virtual_block()
+    weak = tuple(replace(p, x=p.x + 1.0, sd_xy=20.0, sd_z=20.0) for p in block.site.control)
+    georeference(block.model, replace(block.site, control=weak), OFFSET, OPTIONS)
+    errors = np.array(list(centre_errors(block).values()))
+    assert np.abs(errors.mean(axis=0)[0]) < 0.1
+
+
+def test_checkpoints_never_enter(virtual_block):
+    """Moving every check and verify point by kilometres changes no pose."""
+    poses = []
+    for shift in (0.0, 5000.0):
+        block = virtual_block(verify=2)
+        moved = tuple(p if p.role == "control" else replace(p, z=p.z + shift) for p in block.site.control)
+        georeference(block.model, replace(block.site, control=moved), OFFSET, OPTIONS)
+        poses.append(np.array(list(centre_errors(block).values())))
+    np.testing.assert_array_equal(*poses)
+
+
+def test_same_input_same_bytes(virtual_block, tmp_path):
+    written = []
+    for run in ("a", "b"):
+        block = virtual_block(disturb=0.05)
+        georeference(block.model, block.site, OFFSET, OPTIONS)
+        (tmp_path / run).mkdir()
+        block.model.write_binary(tmp_path / run)
+        written.append((tmp_path / run / "images.bin").read_bytes())
+    assert written[0] == written[1]
+
+
+def test_adjustment_leaves_no_trace_of_control(virtual_block):
+    block = virtual_block()
+    before = [block.model.image(k).num_points2D() for k in sorted(block.model.reg_image_ids())]
+    points = block.model.num_points3D()
+    georeference(block.model, block.site, OFFSET, OPTIONS)
+    assert [block.model.image(k).num_points2D() for k in sorted(block.model.reg_image_ids())] == before
+    assert block.model.num_points3D() == points
+
+
+def test_gross_control_point_is_named_and_left_out(virtual_block):
+    block = virtual_block(control=7, surveyed=12)
+    wrong = tuple(replace(p, y=p.y + 4.0) if p.name == "P2" else p for p in block.site.control)
+    fixed = georeference(block.model, replace(block.site, control=wrong), OFFSET, OPTIONS)
+    assert fixed.gross == ("P2",)
+    assert any("P2" in warning for warning in fixed.warnings())
+    rows = fixed.residuals(block.model)
+    assert next(row for row in rows if row.name == "P2").dy == pytest.approx(-4.0, abs=0.05)
+    assert rms(rows, "check")[0] <= 2 * GSD
+
+
+def test_points_on_a_line_are_refused(virtual_block):
+    block = virtual_block()
+    control = tuple(p for p in block.site.control)
+    a, b = control[0], control[1]
+    line = []
+    for k, p in enumerate(control[:4]):
+        t = k / 3
+        line.append(replace(p, x=a.x + t * (b.x - a.x), y=a.y + t * (b.y - a.y), z=a.z + t * (b.z - a.z)))
+    free_frame(block)
+    site = replace(without_positions(block.site), control=tuple(line))
+    with pytest.raises(OrientationError, match="on a line"):
+        georeference(block.model, site, OFFSET, OPTIONS)
+
+
+def test_two_control_points_fix_nothing(virtual_block):
+    block = virtual_block(control=2)
+    with pytest.raises(OrientationError, match="at least 3"):
+        georeference(block.model, without_positions(block.site), OFFSET, OPTIONS)
+
+
+def test_all_points_control_is_said(virtual_block):
+    block = virtual_block(control=12)
+    fixed = georeference(block.model, block.site, OFFSET, OPTIONS)
+    assert any("All surveyed points are control" in warning for warning in fixed.warnings())
+    assert rms(fixed.residuals(block.model), "check") == (None, None)
+
+
+def test_focal_length_is_freed_only_where_the_block_sees_it(virtual_block):
+    nadir, oblique = virtual_block(), virtual_block(obliques=True)
+    assert not georeference(nadir.model, nadir.site, OFFSET, OPTIONS).free_focal_length
+    fixed = georeference(oblique.model, oblique.site, OFFSET, OPTIONS)
+    assert fixed.free_focal_length
+    assert oblique.model.camera(1).params[0] == pytest.approx(3000, abs=15)
+
+
+def test_heights_without_control_are_warned_of(virtual_block):
+    block = virtual_block(control=0)
+    fixed = georeference(block.model, block.site, OFFSET, OPTIONS)
+    assert any("focal length of the camera table" in warning for warning in fixed.warnings())
+
+
+def test_pose_covariance_predicts_the_scatter_over_noise(virtual_block):
+    """Errors of 12 seeds, divided by their predicted standard deviations, have unit variance."""
+    ratios = []
+    for seed in range(12):
+        block = virtual_block(seed=seed, control=0, tie_points=150, noise=1.0)
+        fixed_lens = OPTIONS.model_copy(update={"focal_length": "fixed"})
+        georeference(block.model, block.site, OFFSET, fixed_lens)
+        priors = {p.name: np.diag(np.square(p.position_sd)) for p in block.site.photographs}
+        found = pose_covariances(block.model, priors)
+        errors = centre_errors(block)
+        ratios += [errors[name] / np.sqrt(np.diag(found[name])[:3]) for name in errors]
+    spread = np.sqrt(np.mean(np.square(ratios), axis=0))
+    # Lens distortion is adjusted as well, which the covariance holds fixed; hence the room upwards.
+    assert (spread > 0.7).all()
+    assert (spread < 1.5).all()
+
+
+def test_covariance_without_anything_that_fixes_the_block_is_nan(virtual_block):
+    block = virtual_block()
+    found = pose_covariances(block.model, {})
+    assert all(np.isnan(c).all() for c in found.values())
