@@ -30,7 +30,7 @@ from workbench.virtual.world import World
 
 _LATTICE = 4
 _TILE = 192
-_SHADOW_PER_PIXEL = 0.75
+_SHADOW_PER_PIXEL = 1.0
 _MOST_SHADOW_CELLS = 60_000_000
 _FARTHEST_RADIUS = 1.25
 
@@ -126,7 +126,7 @@ def shadow_map(
     *,
     threads: int | None = None,
 ) -> LightMap:
-    """Shadows over a footprint (west, south, east, north, local m), cells of three quarters of a pixel."""
+    """Shadows over a footprint (west, south, east, north, local m), cells of one pixel."""
     shear_x, shear_y = light.sun[0] / light.sun[2], light.sun[1] / light.sun[2]
     low = min(float(world.terrain.height.min()), 0.0)
     high = float(world.terrain.height.max()) + 5.0
