@@ -193,11 +193,10 @@ def plan_flight(
             f"{camera.name}: the {camera.frame[1]} rows that are kept see {camera.frame[1] * gsd:.1f} m, the "
             f"base is {base:.1f} m: neighbours do not overlap. Keep more rows or raise the forward overlap."
         )
-    runs = []
-    for turn in (0.0, 90.0) if crossing else (0.0,):
-        runs += _runs(extent, direction + turn, base, spacing, kept, strips, camera.name)
+    turns = (0.0, 90.0) if crossing else (0.0,)
+    runs = [_runs(extent, direction + t, base, spacing, kept, strips, camera.name) for t in turns]
     exposures = _fly(
-        runs,
+        [run for set_of_strips in runs for run in set_of_strips],
         camera,
         ground + height,
         height,
@@ -311,7 +310,6 @@ def _runs(
     steps = (np.arange(releases) - (releases - 1) / 2) * base
     runs = []
     for index in range(number):
-        # Only the strips of whole frames count, so that the overlap is what was asked.
         line = middle + (index - (number - 1) / 2) * spacing * across
         sense = 1 if index % 2 == 0 else -1
         heading = direction if sense == 1 else direction + 180
