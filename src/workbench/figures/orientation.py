@@ -18,7 +18,7 @@ from workbench.stages import FOLDERS, read_json
 
 _LABELS = {
     "registered": "photographs registered",
-    "photographs": "photographs used",
+    "photos": "photographs used",
     "models": "separate models",
     "reprojection_error_px": "mean reprojection error (px)",
     "tie_points": "tie points",
