@@ -20,6 +20,8 @@ _RELIEF = 0.2
 _LEAST_FIXED = 3
 _PRIOR_LOSS = 2.8  # Standard deviations; 95 % of good positions (chi-square, 3 degrees of freedom).
 _MOST_ITERATIONS = 50
+# Places in COLMAP's FULL_OPENCV: fx, fy, cx, cy, k1, k2, p1, p2, k3, k4, k5, k6.
+_FOCAL, _PRINCIPAL, _RATIONAL = [0, 1], [2, 3], [9, 10, 11]
 
 
 def adjust(
@@ -34,6 +36,9 @@ def adjust(
 ) -> None:
     """Adjust poses, tie points and lenses in place.
 
+    Lenses get the terms k1, k2, k3, p1, p2 of Brown; the principal point and, unless it is freed, the
+    focal length are held.
+
     Residuals: image positions of tie points and of control points, recorded positions by
     their standard deviation (robust), surveyed coordinates of control points by theirs. Checkpoints
     must not be among ``control``.
@@ -43,9 +48,11 @@ def adjust(
     OrientationError
         If neither positions nor control fix the block.
     """
+    _use_brown_lens(model)
     added = _add_control(model, control, measured or {}, offset)
     options = pycolmap.BundleAdjustmentOptions()
-    options.refine_focal_length = free_focal_length
+    # Everything of the lens is a variable of the problem; what is not to move is held by a manifold.
+    options.refine_focal_length = options.refine_principal_point = options.refine_extra_params = True
     options.ceres.min_num_residuals_for_cpu_multi_threading = 10**9
     # Outliers are dropped by their error, as in the mapping; a robust loss would shift the lens terms.
     options.ceres.loss_function_type = pycolmap.LossFunctionType.TRIVIAL
@@ -69,6 +76,12 @@ def adjust(
     # Image residuals count in pixels; whatever else is measured gets the same unit of weight.
     unit = parameters.observation_sd
     kept_alive: list[object] = []  # The problem holds bare pointers to what Python owns.
+    held = _PRINCIPAL + _RATIONAL + ([] if free_focal_length else _FOCAL)
+    for camera in model.cameras.values():
+        lens = camera.params
+        manifold = pyceres.SubsetManifold(len(lens), sorted(held))
+        kept_alive.append((lens, manifold))
+        adjuster.problem.set_manifold(lens, manifold)
     for image_id, (position, covariance) in priors.items():
         pose = model.image(image_id).frame.rig_from_world.params
         cost = pycolmap.cost_functions.AbsolutePosePositionPriorCost(covariance / unit**2, position)
@@ -85,6 +98,15 @@ def adjust(
     adjuster.solve()
     _remove_control(model, added)
     model.update_point_3d_errors()
+
+
+def _use_brown_lens(model: pycolmap.Reconstruction) -> None:
+    """Give the mapping's lenses (k1, k2, p1, p2) room for k3."""
+    for camera in model.cameras.values():
+        if camera.model_name == "OPENCV":
+            terms = [*camera.params, 0.0, 0.0, 0.0, 0.0]
+            camera.model = pycolmap.CameraModelId.FULL_OPENCV
+            camera.params = np.array(terms)
 
 
 def recorded_positions(

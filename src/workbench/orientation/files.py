@@ -129,7 +129,7 @@ def _pose(image: pycolmap.Image, offset: np.ndarray) -> Pose:
 
 
 def _camera(camera: pycolmap.Camera, name: str) -> Camera:
-    if camera.model_name == "OPENCV":
+    if camera.model_name in ("OPENCV", "FULL_OPENCV"):
         fx, fy, cx, cy, *distortion = camera.params
         return Camera(name, camera.width, camera.height, fx, fy, cx, cy, tuple(distortion))
     raise OrientationError(f"Camera model {camera.model_name} of the orientation is unknown: orient again.")
