@@ -18,7 +18,7 @@ from workbench.errors import WorkbenchError
 from workbench.params import Parameters, load_parameters
 
 app = typer.Typer(
-    help="From overlapping aerial photographs to surfaces, orthophotos, reed and tree measurements.",
+    help="From overlapping aerial photographs to camera poses, surfaces and true orthophotos.",
     no_args_is_help=True,
     pretty_exceptions_enable=False,
     add_completion=False,
@@ -129,12 +129,9 @@ STAGES = {
     "match": ("workbench.matching", "match_site", "Disparities of all stereo pairs."),
     "surface": ("workbench.surface", "surface_site", "Surface, count, spread, provenance, terrain."),
     "mosaic": ("workbench.mosaic", "mosaic_site", "True orthophoto, seamlines, indices."),
-    "reed": ("workbench.reed", "reed_site", "Extent, density, front and status of reed."),
-    "trees": ("workbench.trees", "trees_site", "Tree mask, tops and crowns."),
-    "assess": ("workbench.assessment", "assess_site", "Every product against its reference."),
     "report": ("workbench.figures", "report_site", "One self-contained HTML report."),
 }
-"""Module, function and purpose of each stage; the keys are those of :data:`workbench.stages.FOLDERS`."""
+"""Module, function and purpose of each stage."""
 
 for _verb, (_module, _function, _help) in STAGES.items():
     _stage_command(_verb, _module, _function, _help)

@@ -1,10 +1,8 @@
-"""Matching, surface, mosaic, reed, trees and assessment in the report."""
+"""Matching, surface and mosaic in the report."""
 
 from __future__ import annotations
 
-import geopandas as gpd
 import numpy as np
-import pandas as pd
 
 from workbench.figures.maps import (
     draw_classes,
@@ -13,7 +11,7 @@ from workbench.figures.maps import (
     draw_values,
     figure,
 )
-from workbench.figures.sections import Picture, Section, Table, facts, written
+from workbench.figures.sections import Picture, Section, facts
 from workbench.rasters import read_overview
 from workbench.site import Site
 from workbench.stages import FOLDERS, read_json
@@ -119,40 +117,6 @@ def mosaic_section(site: Site) -> Section:
     text = "Validity: colours on interpolated heights may be displaced; hidden cells stay empty."
     pictures.append(Picture.of(drawing, text))
     return Section("Orthomosaic", tables=[facts(metrics, labels)], pictures=pictures)
-
-
-def reed_section(site: Site) -> Section:
-    """Reed on the orthophoto, and its metrics."""
-    return _layers_section(site, "reed", "Aquatic reed", {"extent": "#ffd400", "front": "#d1495b"})
-
-
-def trees_section(site: Site) -> Section:
-    """Crowns and tops on the orthophoto, and their metrics."""
-    return _layers_section(site, "trees", "Single trees", {"crowns": "#ffd400", "tops": "#d1495b"})
-
-
-def assessment_section(site: Site) -> Section:
-    """Every product against its reference, as the table of the assessment."""
-    table = pd.read_csv(site.products / FOLDERS["assess"] / "assessment.csv")
-    rows = [[written(value) for value in row] for row in table.itertuples(index=False)]
-    return Section("Assessment", tables=[Table(rows, list(table.columns))])
-
-
-def _layers_section(site: Site, verb: str, title: str, colours: dict[str, str]) -> Section:
-    folder = site.products / FOLDERS[verb]
-    metrics = read_json(folder / "metrics.json")
-    plain = {key: value for key, value in metrics.items() if not isinstance(value, list | dict)}
-    drawing, axes = figure()
-    draw_orthophoto(axes, read_overview(site.products / FOLDERS["mosaic"] / "ortho.tif", longest=1200))
-    for layer, colour in colours.items():
-        frame: gpd.GeoDataFrame = read_vector(folder / f"{FOLDERS[verb]}.gpkg", layer=layer)
-        if len(frame) and frame.geom_type.iloc[0].endswith("Polygon"):
-            frame.boundary.plot(ax=axes, color=colour, lw=0.8)
-        elif len(frame):
-            frame.plot(ax=axes, color=colour, markersize=6, lw=1.2)
-    caption = f"{title} on the orthophoto: {', '.join(colours)}."
-    table = facts(plain, {key: key.replace("_", " ") for key in plain})
-    return Section(title, tables=[table], pictures=[Picture.of(drawing, caption)])
 
 
 def _ratio_histogram(count: np.ndarray, possible: np.ndarray) -> Picture:

@@ -12,12 +12,9 @@ from workbench.environment import describe_environment
 from workbench.errors import SiteError
 from workbench.figures.orientation import orientation_section
 from workbench.figures.products import (
-    assessment_section,
     matching_section,
     mosaic_section,
-    reed_section,
     surface_section,
-    trees_section,
 )
 from workbench.figures.sections import Block, Section, Table, written
 from workbench.params import Parameters
@@ -29,9 +26,6 @@ SECTIONS: dict[str, Callable[[Site], Section]] = {
     "match": matching_section,
     "surface": surface_section,
     "mosaic": mosaic_section,
-    "reed": reed_section,
-    "trees": trees_section,
-    "assess": assessment_section,
 }
 
 

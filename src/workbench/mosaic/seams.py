@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import cv2
 import geopandas as gpd
@@ -131,7 +132,7 @@ def _cut(previews: Sequence[Preview], best: np.ndarray, labels: np.ndarray, band
         masks.append(np.ascontiguousarray(usable[part], dtype=np.uint8) * 255)
         corners.append((left, top))
         chosen.append(view.index)
-    finder = cv2.detail.DpSeamFinder("COLOR_GRAD")
+    finder: Any = cv2.detail.DpSeamFinder("COLOR_GRAD")  # the stubs know only wrapped arrays
     for index, (left, top), mask in zip(chosen, corners, finder.find(images, corners, masks), strict=True):
         keep = np.asarray(mask.get() if isinstance(mask, cv2.UMat) else mask) > 0
         labels[top : top + keep.shape[0], left : left + keep.shape[1]][keep] = index + 1
