@@ -58,9 +58,9 @@ def test_the_first_of_two_intersections_counts():
 def test_bad_input_is_named():
     level = terrain(lambda x, y: 0.0)
     nadir = Pose.from_omega_phi_kappa(np.array([200.0, 200.0, 100.0]), 0, 0, 0)
-    with pytest.raises(CameraError, match="photo.*horizon"):
+    with pytest.raises(CameraError, match=r"photo.*horizon"):
         footprint(photograph(Pose.from_omega_phi_kappa(np.array([200.0, 200, 100]), 80, 0, 0)), level)
-    with pytest.raises(CameraError, match="photo.*below the terrain"):
+    with pytest.raises(CameraError, match=r"photo.*below the terrain"):
         footprint(photograph(nadir), level + 200)
     beside = Pose.from_omega_phi_kappa(np.array([390.0, 200.0, 100.0]), 0, 0, 0)
     with pytest.raises(CameraError, match="larger terrain"):

@@ -219,7 +219,7 @@ def _sweep(
             cost = _PAD
             if left_known[row, column]:
                 start = row * span + right
-                census_costs(
+                census_costs(  # type: ignore[call-arg]
                     left_words[row, column], flat_words, start, flat_fences, start, scale, work, cost, blocks
                 )
                 for k in range(width, depth):
@@ -274,7 +274,7 @@ def _sweep(
                         floor, penalty, small, totals, 0, totals, 0, blocks,
                     )  # fmt: skip
             if upward and wanted:
-                offer_to_right(totals, 0, least, owner, right, column, blocks)
+                offer_to_right(totals, 0, least, owner, right, column, blocks)  # type: ignore[call-arg]
                 packed = find_winner(totals, 0, blocks)
                 best, k, second = packed & 0xFFFF, (packed >> 16) & 0xFFFF, packed >> 32
                 chosen[column] = k
@@ -301,7 +301,7 @@ def _sweep(
                 partner = column - top[row, column] + before + chosen[column]
                 code = flag[row - first, column]
                 apart = abs(np.int64(owner[partner]) - column) > most_inconsistency
-                if apart and (code == MEASURED or code == AMBIGUOUS):
+                if apart and code in (MEASURED, AMBIGUOUS):
                     flag[row - first, column] = INCONSISTENT
 
 

@@ -131,7 +131,7 @@ def _smooth(values: np.ndarray, kernel: np.ndarray, sigma: float) -> np.ndarray:
         series.weights[1:],
         strict=True,
     ):
-        _add_term(heights, real, imaginary, np.float32(frequency), np.float32(weight), like, slope)
+        _add_term(heights, real, imaginary, float(frequency), float(weight), like, slope)
     lonely = known & (like < _LONELY * total)
     safe = np.where(lonely | ~known, np.float32(1), like)
     result[known] = (values + sigma**2 * slope / safe)[known]
@@ -197,16 +197,17 @@ def _fields(
     """Blurred cosine and sine of the heights, for each frequency."""
     field = np.empty(heights.shape, np.complex64)
     for frequency in frequencies:
-        _turn(heights, mask, np.float32(frequency), field)
+        _turn(heights, mask, float(frequency), field)
         blurred = blur.complex(field)
         yield blurred.real, blurred.imag
 
 
 @numba.njit(cache=True, nogil=True, parallel=False, fastmath=True)
 def _turn(heights: np.ndarray, mask: np.ndarray, frequency: float, field: np.ndarray) -> None:
+    omega = np.float32(frequency)
     for row in range(heights.shape[0]):
         for column in range(heights.shape[1]):
-            angle = frequency * heights[row, column]
+            angle = omega * heights[row, column]
             field[row, column] = mask[row, column] * complex(math.cos(angle), math.sin(angle))
 
 
@@ -221,14 +222,13 @@ def _add_term(
     slope: np.ndarray,
 ) -> None:
     """Add one cosine to the sum of weights and to its derivative by the own height."""
+    omega, share, slant = np.float32(frequency), np.float32(weight), np.float32(weight * frequency)
     for row in range(heights.shape[0]):
         for column in range(heights.shape[1]):
-            angle = frequency * heights[row, column]
+            angle = omega * heights[row, column]
             cosine, sine = math.cos(angle), math.sin(angle)
-            like[row, column] += weight * (cosine * real[row, column] + sine * imaginary[row, column])
-            slope[row, column] += (
-                weight * frequency * (cosine * imaginary[row, column] - sine * real[row, column])
-            )
+            like[row, column] += share * (cosine * real[row, column] + sine * imaginary[row, column])
+            slope[row, column] += slant * (cosine * imaginary[row, column] - sine * real[row, column])
 
 
 @numba.njit(cache=True, nogil=True)

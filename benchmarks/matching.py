@@ -1,0 +1,185 @@
+"""Compare the matcher with OpenCV's StereoSGBM in all modes, on pairs whose disparities are known exactly.
+
+CPU time of the process and errors against the truth. Run all engines in one process on one machine;
+only ratios of times carry over to another one. ``--photograph`` paints a real photograph on the surfaces.
+libsgm and Pandora are compared if they can be imported.
+"""
+
+from __future__ import annotations
+
+import argparse
+import importlib.util
+import resource
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pandas as pd
+
+from workbench.matching import match_pair
+from workbench.matching.opencv import match_with_opencv
+from workbench.matching.pair import prepare_pair
+from workbench.params.match import SgmParameters
+from workbench.virtual.stereo_pairs import (
+    Layer,
+    Radiometry,
+    StereoPairTruth,
+    curved_pair,
+    layered_pair,
+    noise_texture,
+)
+
+RANGE = (0, 127)
+OFF = 1.0  # Pixels from the truth that count as wrong.
+
+
+def waves(x: np.ndarray, y: np.ndarray) -> np.ndarray:
+    """Rolling ground."""
+    return 60 + 20 * np.sin(x / 83 + y / 190) + 20 * np.cos(y / 71 - x / 140)
+
+
+def crowns(x: np.ndarray, y: np.ndarray) -> np.ndarray:
+    """Closely set bumps, as a canopy from far away."""
+    return 50 + 0.02 * y + 4 * np.abs(np.sin(x / 19 + 0.5 * np.sin(y / 40)) * np.sin(y / 23))
+
+
+def slant(x: np.ndarray, y: np.ndarray) -> np.ndarray:
+    """A steep plane: no disparity is repeated by its neighbour."""
+    return 10 + 0.1 * x + 0.01 * y
+
+
+def steps(size: int, seed: int) -> list[Layer]:
+    """Boxes and discs at many depths in front of a slanted ground."""
+    random = np.random.default_rng(seed)
+    layers = [Layer((20.0, 0.01, 0.005))]
+    for k in range(24):
+        layers.append(
+            Layer(
+                (random.uniform(35, 110), random.uniform(-0.05, 0.05), random.uniform(-0.05, 0.05)),
+                (random.uniform(0, size), random.uniform(0, size)),
+                (random.uniform(20, 90), random.uniform(20, 90)),
+                bool(k % 2),
+            )
+        )
+    return layers
+
+
+def scenes(size: int, texture: np.ndarray, seed: int) -> dict[str, StereoPairTruth]:
+    """Independent kinds of pairs."""
+    return {
+        "waves": curved_pair(texture, waves, size, seed=seed),
+        "slant": curved_pair(texture, slant, size, seed=seed),
+        "crowns": curved_pair(texture, crowns, size, seed=seed),
+        "crowns, gain 0.7, offset 20": curved_pair(
+            texture, crowns, size, Radiometry(gain=0.7, offset=20), seed=seed
+        ),
+        "waves, blurred": curved_pair(texture, waves, size, Radiometry(blur=1.2), seed=seed),
+        "steps": layered_pair(texture, steps(size, seed), size, seed=seed),
+        "steps, blurred": layered_pair(texture, steps(size, seed + 1), size, Radiometry(blur=1.0), seed=seed),
+    }
+
+
+def engines() -> dict[str, Callable[[StereoPairTruth], np.ndarray]]:
+    """Own matcher and peers: pair in, disparity with NaN out."""
+    parameters = SgmParameters()
+
+    def own(pair: StereoPairTruth) -> np.ndarray:
+        return match_pair(pair.left, pair.right, RANGE).disparity.values
+
+    def peer(mode: str) -> Callable[[StereoPairTruth], np.ndarray]:
+        return lambda pair: match_with_opencv(
+            prepare_pair(pair.left, pair.right), *RANGE, parameters, mode=mode
+        )
+
+    return {"workbench": own} | {f"opencv {mode}": peer(mode) for mode in ("hh", "hh4", "sgbm", "3way")}
+
+
+def errors(found: np.ndarray, pair: StereoPairTruth) -> dict[str, float]:
+    """Errors where both photographs see the point, and what was invented where one does not."""
+    known = np.isfinite(found)
+    seen = known & pair.visible
+    error = (found - pair.disparity)[seen]
+    middle = np.median(error)
+    phase = (pair.disparity - np.floor(pair.disparity))[seen]
+    return {
+        "found_%": 100 * seen.sum() / pair.visible.sum(),
+        "nmad_px": 1.4826 * np.median(np.abs(error - middle)),
+        "bias_px": middle,
+        "off_%": 100 * (np.abs(error) > OFF).mean(),
+        "off_of_all_%": 100
+        * ((np.abs(found - pair.disparity) > OFF) & known).sum()
+        / found.size,  # hidden ones included
+        "locking_px": np.ptp([np.median(error[np.floor(phase * 8) == k]) for k in range(8)]),
+    }
+
+
+def compare(size: int, photograph: Path | None, repeats: int, seed: int) -> pd.DataFrame:
+    """One row per scene and engine."""
+    textures = {"noise": noise_texture((size, size + 400), seed)}
+    if photograph is not None:
+        image = cv2.imread(str(photograph), cv2.IMREAD_GRAYSCALE)
+        scale = (size + 400) / image.shape[1]
+        reduced = cv2.resize(image, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
+        tall = np.concatenate([reduced, reduced[::-1]] * (size // len(reduced) + 1))[:size]
+        textures["photograph"] = tall.astype(np.float32)
+    rows = []
+    for kind, texture in textures.items():
+        for name, pair in scenes(size, texture, seed).items():
+            for engine, match in engines().items():
+                match(pair)  # Compilation and caches.
+                spent = []
+                for _ in range(repeats):
+                    start = time.process_time()
+                    found = match(pair)
+                    spent.append(time.process_time() - start)
+                rows.append({"texture": kind, "scene": name, "engine": engine, "cpu_s": min(spent)})
+                rows[-1] |= errors(found, pair)
+    return pd.DataFrame(rows)
+
+
+def memory(rows: int, columns: int, disparities: int) -> None:
+    """Peak memory of a large pair."""
+    texture = noise_texture((rows // 4, columns // 4 + 100), 0, (1, 4))
+    large = cv2.resize(texture, None, fx=4, fy=4, interpolation=cv2.INTER_LINEAR)
+    large += np.random.default_rng(0).normal(size=large.shape).astype(np.float32) * 10
+    left, right = (np.clip(large[:, start : start + columns], 0, 255).astype(np.uint8) for start in (0, 120))
+    del large, texture
+    before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e6
+    start, cpu = time.perf_counter(), time.process_time()
+    result = match_pair(left, right, (-disparities + 1, 0))
+    wall, cpu = time.perf_counter() - start, time.process_time() - cpu
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e6
+    print(
+        f"{rows * columns / 1e6:.0f} Mpx x {disparities}: {wall:.1f} s, {cpu:.1f} CPU-s, peak {peak:.2f} GB "
+        f"({before:.2f} before), median disparity {float(result.disparity.median()):.3f} (true -120)"
+    )
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--size", type=int, default=1000, help="edge of the square images, px")
+    parser.add_argument("--photograph", type=Path, help="photograph to paint on the surfaces")
+    parser.add_argument("--repeats", type=int, default=3)
+    parser.add_argument("--seed", type=int, default=11)
+    parser.add_argument("--csv", type=Path, help="also write the table here")
+    parser.add_argument("--memory", action="store_true", help="only the peak memory of 12 Mpx x 256")
+    options = parser.parse_args()
+    if options.memory:
+        memory(3000, 4000, 256)
+        return
+    table = compare(options.size, options.photograph, options.repeats, options.seed)
+    if options.csv:
+        table.to_csv(options.csv, index=False)
+    print(table.round(3).to_string(index=False))
+    times = table.groupby("engine")["cpu_s"].median()
+    print("\nCPU time, median over scenes, and relative to opencv hh:")
+    print(pd.DataFrame({"cpu_s": times, "ratio": times / times["opencv hh"]}).round(3).to_string())
+    for peer in ("libSGM", "pandora"):
+        if importlib.util.find_spec(peer) is None:
+            print(f"{peer}: not installed, not compared")
+
+
+if __name__ == "__main__":
+    main()
