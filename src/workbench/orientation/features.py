@@ -57,7 +57,8 @@ def match_features(site: Site, parameters: OrientParameters, work: Path) -> Path
     candidates = candidate_pairs(site.photographs, parameters.neighbours)
     pairs.write_text("\n".join(f"{names[i]} {names[j]}" for i, j in candidates))
     matching = pycolmap.FeatureMatchingOptions()
-    matching.num_threads = parameters.threads
+    # The random samples of the verification depend on which thread takes which pair: one thread only.
+    matching.num_threads = 1
     matching.max_num_matches = parameters.max_matches
     verification = pycolmap.TwoViewGeometryOptions()
     verification.ransac.random_seed = parameters.seed

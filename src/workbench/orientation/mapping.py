@@ -41,7 +41,7 @@ def map_block(
     options.random_seed = parameters.seed
     options.mapper.random_seed = parameters.seed
     options.triangulation.random_seed = parameters.seed
-    options.num_threads = options.mapper.num_threads = parameters.threads
+    options.num_threads = options.mapper.num_threads = 1
     # One thread in the solver: the same seed then gives the same bytes.
     options.ba_min_num_residuals_for_cpu_multi_threading = 10**9
     options.use_prior_position = use_positions

@@ -11,7 +11,7 @@ class OrientParameters(Section):
     seed: int = parameter(1, "Seed of all random choices of this stage.", unit="1", source="any", ge=0)
     threads: int = parameter(
         2,
-        "Threads for features and matching; they do not change the result.",
+        "Threads for features; they do not change the result.",
         unit="1",
         source="-",
         ge=1,
