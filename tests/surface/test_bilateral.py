@@ -5,7 +5,7 @@ from rasterio.crs import CRS
 
 from workbench.errors import SurfaceError
 from workbench.rasters import Grid, new_raster
-from workbench.surface.bilateral import bilateral
+from workbench.surface import bilateral
 
 MILLIMETRE = 1e-3
 

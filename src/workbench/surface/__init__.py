@@ -1,8 +1,9 @@
 """Surfaces from matched pairs: gridding, fusion, count, terrain, smoothing."""
 
 from workbench.surface.fusion import fuse_downscales, fuse_pairs
+from workbench.surface.smoothing import bilateral
 
-__all__ = ["fuse_downscales", "fuse_pairs", "surface_site"]
+__all__ = ["bilateral", "fuse_downscales", "fuse_pairs", "surface_site"]
 
 
 def __getattr__(name: str):
