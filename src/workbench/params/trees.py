@@ -1,5 +1,7 @@
 """Parameters of the tree stage."""
 
+from typing import Literal
+
 from workbench.params.base import Section, parameter
 
 
@@ -13,4 +15,239 @@ class TreesParameters(Section):
         source="thesis 3.3",
         gt=0,
         le=150,
+    )
+    mask_index: Literal["auto", "ndvi", "gli", "both", "none"] = parameter(
+        "auto",
+        "Vegetation by NDVI, GLI, both or neither; auto takes NDVI where there is one, else GLI.",
+        unit="-",
+        source="thesis 3.3.1: NDVI and/or GLI",
+    )
+    min_ndvi: float = parameter(
+        0.2,
+        "Vegetation has at least this NDVI.",
+        unit="1",
+        source="leaves reach 0.3-0.9, soil and roofs stay below 0.2; the thesis prints no value",
+        ge=-1,
+        le=1,
+    )
+    min_gli: float = parameter(
+        0.0,
+        "Vegetation has at least this GLI.",
+        unit="1",
+        source="0 is grey: more green than the mean of red and blue",
+        ge=-1,
+        le=1,
+    )
+    surroundings: float = parameter(
+        15.0,
+        "Without terrain, ground is the lowest surface within this radius.",
+        unit="m",
+        source="wider than the largest crown (14 m), so that ground beside it is seen",
+        gt=0,
+        le=200,
+    )
+    mask_close: float = parameter(
+        0.5,
+        "Gaps in the mask narrower than twice this are closed.",
+        unit="m",
+        source="gaps between leaves, smaller than between crowns",
+        ge=0,
+        le=20,
+    )
+    mask_open: float = parameter(
+        0.4,
+        "Parts of the mask narrower than twice this are removed: wires, poles, edges of roofs.",
+        unit="m",
+        source="half of the narrowest crown at 3 m height",
+        ge=0,
+        le=20,
+    )
+    mask_min_area: float = parameter(
+        1.0, "Smaller parts of the mask are removed.", unit="m2", source="a crown of 1.1 m", ge=0, le=1000
+    )
+    working_resolution: float | None = parameter(
+        0.2,
+        "Surfaces with finer cells are averaged to about this before tops are sought; null never.",
+        unit="m",
+        source="thesis 3.3.2 (resampling) and finding T16: 15-20 cm",
+        gt=0,
+        le=5,
+    )
+    radius: float | None = parameter(
+        None,
+        "Constant radius of the search disc; null lets it grow with height.",
+        unit="m",
+        source="thesis 3.3.2",
+        gt=0,
+        le=50,
+    )
+    window_start: float = parameter(
+        0.6,
+        "Radius of the growing search disc at height zero.",
+        unit="m",
+        source="a young tree of 3 m stands for itself from about 1.5 m distance",
+        ge=0,
+        le=20,
+    )
+    window_growth: float = parameter(
+        0.05,
+        "Growth of the radius with the height of the surface.",
+        unit="m/m",
+        source="narrow crowns: radius of a twentieth of the height (conifers in closed stands)",
+        ge=0,
+        le=1,
+    )
+    window_largest: float = parameter(
+        7.0, "Largest radius of the growing disc.", unit="m", source="thesis: crowns up to 14 m", gt=0, le=50
+    )
+    spacing: float | None = parameter(
+        None,
+        "Of tops nearer than this the highest stays; null merges only equal tops within one disc.",
+        unit="m",
+        source="thesis 3.3.2, steps 4 and 5; the disc already separates the others",
+        gt=0,
+        le=50,
+    )
+    min_prominence: float = parameter(
+        0.0,
+        "Tops that rise less above their saddle are dropped.",
+        unit="m",
+        source="none by default: thesis keeps all",
+        ge=0,
+        le=50,
+    )
+    conifer_radius: float = parameter(
+        1.2,
+        "Radius of the search disc in stands of type conifer.",
+        unit="m",
+        source="chosen on other virtual stands than those judged (docs/trees.md)",
+        gt=0,
+        le=50,
+    )
+    broadleaf_radius: float = parameter(
+        2.4,
+        "Radius of the search disc in stands of type broadleaf.",
+        unit="m",
+        source="chosen on other virtual stands than those judged (docs/trees.md)",
+        gt=0,
+        le=50,
+    )
+    smoothing_size: int = parameter(
+        49,
+        "Edge of the bilateral filter before slope and aspect, odd.",
+        unit="cells",
+        source="thesis 4.3",
+        ge=1,
+        le=499,
+    )
+    smoothing_sigma: float = parameter(
+        10.0,
+        "Standard deviation of the bilateral filter in height.",
+        unit="m",
+        source="thesis 4.3",
+        gt=0,
+        le=100,
+    )
+    crown_method: Literal["growing", "watershed", "dalponte"] = parameter(
+        "growing", "How crowns are found.", unit="-", source="thesis 3.3.3; the others for comparison"
+    )
+    max_diameter: float = parameter(
+        14.0, "Largest crown where no stand type is known.", unit="m", source="thesis 4.5.2", gt=0, le=60
+    )
+    conifer_diameter: float = parameter(
+        6.0, "Largest crown in stands of type conifer.", unit="m", source="thesis 4.5.2", gt=0, le=60
+    )
+    broadleaf_diameter: float = parameter(
+        14.0, "Largest crown in stands of type broadleaf.", unit="m", source="thesis 4.5.2", gt=0, le=60
+    )
+    min_slope: float = parameter(
+        0.0,
+        "Growth stops where the smoothed surface falls less than this away from the top.",
+        unit="degree",
+        source="a crown falls from its top; where it rises again the neighbour begins",
+        ge=-90,
+        le=90,
+    )
+    max_slope: float = parameter(
+        60.0,
+        "Growth stops where the smoothed surface falls more than this.",
+        unit="degree",
+        source="thesis 4.5.2",
+        ge=0,
+        le=90,
+    )
+    aspect: Literal["conifer", "never", "always"] = parameter(
+        "conifer", "Stands in which aspect limits growth.", unit="-", source="thesis 4.5.2, finding T23"
+    )
+    max_aspect: int = parameter(
+        3,
+        "Largest difference between aspect and direction away from the top, in sixteenths of a turn.",
+        unit="22.5 degree",
+        source="thesis 3.3: 16 directions; beyond 67.5 degrees the surface belongs to another slope",
+        ge=0,
+        le=8,
+    )
+    crown_min_share: float = parameter(
+        0.3,
+        "A crown ends where the surface is lower than this share of its top's height.",
+        unit="1",
+        source="lowest live branches of grown trees are above a third of the height",
+        ge=0,
+        lt=1,
+    )
+    max_index_change: float | None = parameter(
+        None,
+        "Growth stops where NDVI or GLI changes more from cell to cell; null leaves it out.",
+        unit="1",
+        source="thesis 4.5.2 prints no value",
+        gt=0,
+        le=2,
+    )
+    min_brightness: float | None = parameter(
+        None,
+        "Growth stops in shadow darker than this; null leaves it out.",
+        unit="digital number",
+        source="thesis 4.5.2 prints no value",
+        ge=0,
+    )
+    dalponte_top_share: float = parameter(
+        0.45, "Least share of the height of the top.", unit="1", source="Dalponte & Coomes 2016", ge=0, le=1
+    )
+    dalponte_mean_share: float = parameter(
+        0.55,
+        "Least share of the mean height of the crown.",
+        unit="1",
+        source="Dalponte & Coomes 2016",
+        ge=0,
+        le=1,
+    )
+    height_sd: float = parameter(
+        0.1,
+        "Standard deviation of the terrain and of the datum, beside the spread of the surface.",
+        unit="m",
+        source="lidar terrain under forest; spread of the pairs is added cell by cell",
+        ge=0,
+        le=10,
+    )
+    broadleaf_min_dbh: float = parameter(
+        0.25,
+        "Broadleaf stems count as reference from this diameter at breast height.",
+        unit="m",
+        source="thesis 3.4.1",
+        ge=0,
+        le=5,
+    )
+    conifer_min_dbh: float = parameter(
+        0.20,
+        "Conifer stems count as reference from this diameter at breast height.",
+        unit="m",
+        source="thesis 3.4.1",
+        ge=0,
+        le=5,
+    )
+    height_class: float = parameter(
+        5.0, "Width of the height classes of the stand table.", unit="m", source="forest inventories", gt=0
+    )
+    tile_size: int = parameter(
+        2048, "Edge of a tile; it does not change the result.", unit="cells", source="memory", ge=64, le=16384
     )
