@@ -9,6 +9,16 @@ __all__ = [
     "Reproducibility",
     "local_correlation",
     "object_shifts",
+    "repeat_chain",
     "reproducibility",
     "reproducible_dates",
 ]
+
+
+def __getattr__(name: str):
+    # Repetitions pull in the whole chain; a correlation in a notebook does not need it.
+    if name == "repeat_chain":
+        from workbench.studies.repetitions import repeat_chain
+
+        return repeat_chain
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
