@@ -90,25 +90,36 @@ def exceeded_by_none(
     ndarray
         (n,) bool.
     """
-    height, width = surface.shape
+    width = surface.shape[1]
     kept = np.zeros(len(places), np.bool_)
     last_i, last_j, last_z = 0, 0, MISSING
-    widths, widths_of = half_widths(1.0), 1.0
+    corner_rows, corner_columns, corners_of = _corners(1.0)[0], _corners(1.0)[1], 1.0
+    # Squared radius where the row above (this row) has a maximum, else zero.
+    above, here, row = np.zeros(width), np.zeros(width), -1
     for n in range(len(places)):
         i, j = places[n] // width, places[n] % width
+        if i != row:
+            above, here = here, above
+            if i != row + 1:
+                above[:] = 0.0
+            here[:] = 0.0
+            row = i
         z, limit = surface[i, j], squared_radii[n]
         # The cell that exceeded the place before often exceeds this one too.
         if last_z > z and (i - last_i) ** 2 + (j - last_j) ** 2 <= limit:
             continue
-        flat = n > 0 and kept[n - 1] and places[n - 1] == places[n] - 1 and j > 0
-        if flat and surface[i, j - 1] == z and squared_radii[n - 1] == limit:
-            if widths_of != limit:
-                widths, widths_of = half_widths(limit), limit
-            k = _exceeds_on_rim(surface, i, j, z, widths)
+        flat = j > 0 and here[j - 1] == limit and surface[i, j - 1] == z
+        if flat and above[j] == limit and surface[i - 1, j] == z:
+            # On a plateau the discs of the cells above and to the left hold all but a few corners.
+            if corners_of != limit:
+                corner_rows, corner_columns = _corners(limit)
+                corners_of = limit
+            k = _exceeds_at(surface, i, j, z, corner_rows, corner_columns)
         else:
             k = _exceeds_in_disc(surface, i, j, z, limit, offsets)
         if k < 0:
             kept[n] = True
+            here[j] = limit
         else:
             last_i, last_j = k // width, k % width
             last_z = surface[last_i, last_j]
@@ -116,9 +127,7 @@ def exceeded_by_none(
 
 
 @numba.njit(cache=True, nogil=True)
-def _exceeds_in_disc(
-    surface: np.ndarray, i: int, j: int, z: float, limit: float, offsets: np.ndarray
-) -> int:
+def _exceeds_in_disc(surface: np.ndarray, i: int, j: int, z: float, limit: float, offsets: np.ndarray) -> int:
     height, width = surface.shape
     for k in range(len(offsets)):
         if offsets[k, 2] > limit:
@@ -130,22 +139,37 @@ def _exceeds_in_disc(
 
 
 @numba.njit(cache=True, nogil=True)
-def half_widths(squared_radius: float) -> np.ndarray:
-    """Columns (2 reach + 1,) that a disc extends to either side of its centre, row by row."""
+def _corners(squared_radius: float) -> tuple[np.ndarray, np.ndarray]:
+    """Offsets of the cells of a disc that neither the same disc one row up nor one column left holds."""
     reach = int(np.sqrt(squared_radius))
-    return np.array([int(np.sqrt(squared_radius - dy * dy)) for dy in range(-reach, reach + 1)])
+    rows, columns, n = np.empty(reach + 1, np.int64), np.empty(reach + 1, np.int64), 0
+    for dy in range(reach + 1):
+        dx = int(np.sqrt(squared_radius - dy * dy))
+        below = -1 if dy == reach else int(np.sqrt(squared_radius - (dy + 1) ** 2))
+        if below < dx:
+            rows[n], columns[n] = dy, dx
+            n += 1
+    return rows[:n], columns[:n]
 
 
 @numba.njit(cache=True, nogil=True)
-def _exceeds_on_rim(surface: np.ndarray, i: int, j: int, z: float, widths: np.ndarray) -> int:
-    """Only what the disc of the equal cell to the left did not hold: its rim to the right."""
+def _exceeds_at(surface: np.ndarray, i: int, j: int, z: float, rows: np.ndarray, columns: np.ndarray) -> int:
     height, width = surface.shape
-    reach = len(widths) // 2
-    for y in range(max(i - reach, 0), min(i + reach + 1, height)):
-        x = j + widths[y - i + reach]
-        if x < width and surface[y, x] > z:
+    for k in range(len(rows)):
+        y, x = i + rows[k], j + columns[k]
+        if y < height and x < width and surface[y, x] > z:
             return y * width + x
     return -1
+
+
+@numba.njit(cache=True, nogil=True)
+def on_edge(places: np.ndarray, width: int, rows: tuple, columns: tuple) -> np.ndarray:
+    """Numbers of the places in the first or last of the rows or columns (start, stop)."""
+    found = np.zeros(len(places), np.bool_)
+    for n in range(len(places)):
+        i, j = places[n] // width, places[n] % width
+        found[n] = i == rows[0] or i == rows[1] - 1 or j == columns[0] or j == columns[1] - 1
+    return np.flatnonzero(found)
 
 
 @numba.njit(cache=True, nogil=True)

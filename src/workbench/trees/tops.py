@@ -232,9 +232,7 @@ def _maxima(cut: CutSurface, disc: Window, largest: float, tile_size: int) -> np
     return found[np.argsort(found["place"], kind="stable")]
 
 
-def _describe(
-    part: Part, tile: Tile, work: WorkingGrid, places: np.ndarray, radii: np.ndarray
-) -> np.ndarray:
+def _describe(part: Part, tile: Tile, work: WorkingGrid, places: np.ndarray, radii: np.ndarray) -> np.ndarray:
     found = np.zeros(len(places), _MAXIMUM)
     rows, columns = np.divmod(places, part.work.shape[1])
     top, left = (axis.start for axis in tile.padded)
@@ -253,20 +251,16 @@ def _edge(
 ) -> np.ndarray:
     """Maxima along the edge of a tile, where a plateau may go on in the next."""
     width = tile.padded[1].stop - tile.padded[1].start
-    rows, columns = np.divmod(places, width)
-    on_edge = np.zeros(len(places), bool)
-    for values, axis in ((rows, tile.inner[0]), (columns, tile.inner[1])):
-        on_edge |= (values == axis.start) | (values == axis.stop - 1)
-    edge = np.zeros(int(on_edge.sum()), _EDGE)
+    places_on = maxima.on_edge(places, width, *[(axis.start, axis.stop) for axis in tile.inner])
+    edge = np.zeros(len(places_on), _EDGE)
     top, left = (axis.start for axis in tile.padded)
-    flat = (rows + top) * work.shape[1] + columns + left
-    edge["place"], edge["level"], edge["first"] = flat[on_edge], levels[on_edge], flat[first][on_edge]
+    for name, some in (("place", places[places_on]), ("first", places[first[places_on]])):
+        edge[name] = (some // width + top) * work.shape[1] + some % width + left
+    edge["level"] = levels[places_on]
     return edge
 
 
-def _thin(
-    found: np.ndarray, work: WorkingGrid, spacing: float | None
-) -> tuple[np.ndarray, np.ndarray]:
+def _thin(found: np.ndarray, work: WorkingGrid, spacing: float | None) -> tuple[np.ndarray, np.ndarray]:
     """Steps 4 and 5: which maxima have another one within the spacing, and which stay."""
     multiple, kept = np.zeros(len(found), bool), np.ones(len(found), bool)
     if spacing is None:
@@ -295,9 +289,7 @@ def _frame(
     y = grid.north - (rows + 0.5) * grid.resolution
     interpolated = np.zeros(len(found), bool)
     if provenance is not None and len(found):
-        interpolated = (
-            provenance.isel(y=xr.DataArray(rows), x=xr.DataArray(columns)).values == INTERPOLATED
-        )
+        interpolated = provenance.isel(y=xr.DataArray(rows), x=xr.DataArray(columns)).values == INTERPOLATED
     columns_of = {
         "height_m": found["height"].astype(np.float64),
         "z_m": found["z"].astype(np.float64),

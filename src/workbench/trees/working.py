@@ -41,6 +41,21 @@ class WorkingGrid:
         """Tiles of working cells."""
         return list(tiles(self.shape, size=max(size, margin), margin=margin))
 
+    @property
+    def grid(self) -> Grid:
+        """The working cells as a grid; partial cells count as whole ones."""
+        source = self.source
+        rows, columns = self.shape
+        return Grid(source.crs, source.west, source.north, self.resolution, columns, rows)
+
+    def average(self, values: np.ndarray) -> np.ndarray:
+        """Mean (float32) of the finite source cells in each working cell, NaN where there is none."""
+        values = values.astype(np.float32, copy=False)
+        if self.factor == 1:
+            return values
+        mean = _block_mean(np.where(np.isfinite(values), values, MISSING), self.factor)
+        return np.where(mean > MISSING, mean, np.float32(np.nan))
+
     def centres(self, rows: np.ndarray, columns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """x and y of the centres of working cells."""
         return (
@@ -71,7 +86,7 @@ class Part:
     """Height above ground on source cells."""
 
     def apexes(self, rows: np.ndarray, columns: np.ndarray, factor: int) -> tuple[np.ndarray, np.ndarray]:
-        """Row and column of the highest source cell in working cells, the northern, then western of equals."""
+        """Row and column of the highest source cell in working cells; of equals the northern, western."""
         if factor == 1:
             return rows, columns
         return _highest_within(self.surface, rows, columns, factor)
@@ -99,12 +114,12 @@ class CutSurface:
         surface = self.surface.isel(window).values.astype(np.float32, copy=False)
         mask = np.ones((1, 1), np.bool_) if self.mask is None else self.mask.isel(window).values == 1
         if self.terrain is None:
-            cut = _cut(surface, surface, mask, np.float32(self.min_height))
+            cut = _cut(surface, surface, mask, self.min_height)
             work = _average(cut, self.grid.factor)
             return Part(work, work, cut, cut)
         above = surface - self.terrain.isel(window).values.astype(np.float32, copy=False)
-        cut = _cut(surface, above, mask, np.float32(self.min_height))
-        height = _cut(above, above, mask, np.float32(self.min_height))
+        cut = _cut(surface, above, mask, self.min_height)
+        height = _cut(above, above, mask, self.min_height)
         factor = self.grid.factor
         return Part(_average(cut, factor), _average(height, factor), cut, height)
 
