@@ -131,7 +131,7 @@ def _fill_trees(plants, chosen, wind, direction, row0, column0, top, owner):
     stretch = np.float32(np.sqrt(1 + sx * sx + sy * sy))
     for index in chosen:
         tree = plants.trees[index]
-        sway_x, sway_y = own_sway(wind, np.uint64(index))
+        sway_x, sway_y = own_sway(wind, np.uint64(index), tree[TH])
         first = int(tree[FIRST])
         for c in range(first, first + int(tree[CLUMPS])):
             clump = plants.clumps[c]

@@ -30,6 +30,7 @@ class FlightSpec(BaseModel):
     )
     cloudiness: float = Field(0.0, ge=0, le=1, description="0 clear .. 1 overcast.")
     wind: float = Field(2.0, ge=0, le=20, description="m/s.")
+    wind_direction: float = Field(250.0, description="Where it comes from, degrees clockwise from north.")
     gnss_sd: tuple[float, float] = Field(
         (0.05, 0.08), description="Standard deviation of recorded positions, horizontal per axis and up, m."
     )

@@ -51,7 +51,7 @@ def paint_trees(world, wind, light, view, scale, chosen, tile):
     half_focal = np.float32(0.25 * (view.focal[0] + view.focal[1]))
     for index in chosen:
         tree = plants.trees[index]
-        sway_x, sway_y = own_sway(wind, np.uint64(index))
+        sway_x, sway_y = own_sway(wind, np.uint64(index), tree[TH])
         first = int(tree[FIRST])
         wood = _DEAD_WOOD if world.tree_cover[index] == Cover.DEAD_TREE.value else _WOOD
         for c in range(first, first + int(tree[CLUMPS])):

@@ -6,6 +6,8 @@ thread, without storing it. The mixing function is a 32-bit finaliser of the mul
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from workbench.virtual.compiled import inner
@@ -61,6 +63,18 @@ def bilinear(values, column, row):
     return np.float32(top + v * (low - top))
 
 
+@dataclass(frozen=True)
+class Motion:
+    """How a field drifts and changes until the moment that is asked for."""
+
+    velocity: tuple[float, float]
+    """Drift in x and y, m/s."""
+    lifetime: float
+    """In the drifting frame the correlation falls to 0.61 within this time, s."""
+    seconds: float
+    """The moment, s."""
+
+
 def gaussian_field(
     x: np.ndarray,
     y: np.ndarray,
@@ -68,6 +82,7 @@ def gaussian_field(
     generator: np.random.Generator,
     *,
     modes: int = 96,
+    motion: Motion | None = None,
 ) -> np.ndarray:
     """Random field with mean 0, variance 1 and correlation ``exp(-d^2 / (2 L^2))``.
 
@@ -84,6 +99,8 @@ def gaussian_field(
         Source of the wave vectors and phases.
     modes
         Number of cosines.
+    motion
+        Drift and change with time; None for a field that stands still.
 
     Returns
     -------
@@ -92,6 +109,9 @@ def gaussian_field(
     """
     waves = generator.normal(0.0, 1.0 / correlation_length, (modes, 2))
     phases = generator.uniform(0.0, 2 * np.pi, modes)
+    if motion is not None:
+        rates = generator.normal(0.0, 1.0 / motion.lifetime, modes) - waves @ np.array(motion.velocity)
+        phases = (phases + rates * motion.seconds) % (2 * np.pi)
     total = np.zeros(np.broadcast_shapes(np.shape(x), np.shape(y)))
     for (kx, ky), phase in zip(waves, phases, strict=True):
         # cos(a + b) from the factors of a and b: on a grid x and y stay one-dimensional.

@@ -11,7 +11,7 @@ import os
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from datetime import datetime
+from datetime import UTC, datetime
 
 import numpy as np
 import xarray as xr
@@ -62,7 +62,8 @@ def render(
     time
         Date and time of the exposure (UTC if it has no time zone): decides the sun.
     exposure
-        Number of the exposure: every one has its own gusts and ripples.
+        Number of the exposure: every one has ripples and a flutter of leaves of its own, while gusts and
+        the sway of trees go on with ``time``.
     wind
         Strength of the wind; a breeze of 4 m/s by default.
     supersampling
@@ -95,7 +96,8 @@ def render(
     frame = _Frame.of(scene, camera, pose, supersampling)
     world = scene.world
     west, south, east, north = frame.footprint
-    field = wind_field(wind, exposure, (west - 60, south - 60, east + 60, north + 60))
+    around = (west - 60, south - 60, east + 60, north + 60)
+    field = wind_field(wind, exposure, around, seconds=_seconds(time))
     light_map = shadow_map(world, field, light, frame.footprint, frame.pixel, threads=threads)
     tools = _Tools(
         world,
@@ -350,6 +352,11 @@ def _dataset(
     )
     rows, columns = results["depth"].shape
     return dataset.assign_coords(row=np.arange(rows) + 0.5, column=np.arange(columns) + 0.5)
+
+
+def _seconds(time: datetime) -> float:
+    """Since 1970; a time without zone is UTC."""
+    return (time if time.tzinfo else time.replace(tzinfo=UTC)).timestamp()
 
 
 def _check(scene: Scene, bands: Sequence[str], supersampling: int, tile: int) -> None:

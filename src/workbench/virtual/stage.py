@@ -175,7 +175,7 @@ def conditions_of(plan: FlightSpec, settings: SimulateParameters) -> Conditions:
     )
     return Conditions(
         optics,
-        Wind(speed=plan.wind, seed=settings.seed),
+        Wind(plan.wind, plan.wind_direction, seed=settings.seed),
         plan.cloudiness,
         settings.supersampling,
         settings.near_infrared,
@@ -301,7 +301,7 @@ def _state_cameras(site: Site, flight: Flight, plan: FlightSpec) -> None:
         if plan.calibrated:
             entry["distortion"] = [float(value) for value in camera.distortion]
     description["flight"]["platform"] = camera.name
-    description["flight"]["wind"] = f"{plan.wind:g} m/s"
+    description["flight"]["wind"] = f"{plan.wind:g} m/s from {plan.wind_direction:g} degrees"
     description["flight"]["weather"] = f"cloudiness {plan.cloudiness:g} of 1"
     out = _Text()
     yaml.dump(description, out)

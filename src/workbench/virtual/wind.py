@@ -5,8 +5,10 @@ Displacement of a leaf at height z of a plant of height H:
     gust(x, y) * amplitude * (z / H)^1.5 + sway(plant) * (z / H)^1.5 + jitter(leaf)
 
 The gust field has two components (east, north), each a sum of two Gaussian fields of 25 m (60 % of the
-variance) and 9 m (40 %) correlation length. Every exposure draws new ones: the periods of crowns and
-stems, 1-4 s, are no longer than the time between two photographs.
+variance) and 9 m (40 %) correlation length. It goes on from exposure to exposure: eddies drift with the
+mean wind (Taylor's frozen turbulence) and live about as long as they take to turn over. Each tree also
+swings at its natural frequency, in a narrow band around it. Leaves flutter too fast to be followed: every
+exposure draws them anew.
 """
 
 from __future__ import annotations
@@ -19,12 +21,16 @@ import numpy as np
 
 from workbench.errors import SceneError
 from workbench.virtual.compiled import inner, kernel
-from workbench.virtual.noise import bilinear, gaussian_field, hash3, uniform
+from workbench.virtual.noise import Motion, bilinear, gaussian_field, hash2, hash3, uniform
 
 REFERENCE_SPEED = 4.0
 """Wind speed, m/s, at which the amplitudes hold; drag and with it displacement grow with its square."""
+TURBULENCE = 0.4
+"""Standard deviation of the wind over its mean above a canopy: an eddy of size L lives L / (0.4 speed)."""
 _RASTER_STEP = 2.0
 _LARGE_SHARE = 0.6
+_FREQUENCY = np.float32(6.5)  # Hz m: a tree of 25 m swings at 0.26 Hz, the measured order for conifers.
+_BAND = np.float32(0.1)  # Relative width of the band of frequencies: damping of about 10 %.
 
 
 @dataclass(frozen=True)
@@ -33,6 +39,8 @@ class Wind:
 
     speed: float = REFERENCE_SPEED
     """Mean speed, m/s; 0 freezes leaves, crowns, reed and ripples."""
+    direction: float = 250.0
+    """Where the wind comes from, degrees clockwise from grid north; the prevailing one of central Europe."""
     crown_amplitude: float = 0.30
     """Standard deviation of the gust displacement at the tree top in x and in y, m, at 4 m/s."""
     sway_amplitude: float = 0.10
@@ -76,6 +84,12 @@ class Wind:
         """Factor on displacements: 1 at 4 m/s, growing with the square of the speed."""
         return (self.speed / REFERENCE_SPEED) ** 2
 
+    @property
+    def velocity(self) -> tuple[float, float]:
+        """With which eddies drift, east and north, m/s."""
+        towards = math.radians(self.direction + 180)
+        return self.speed * math.sin(towards), self.speed * math.cos(towards)
+
 
 class WindField(NamedTuple):
     """One exposure's wind in the form that compiled loops read."""
@@ -102,12 +116,19 @@ class WindField(NamedTuple):
     """Half range of leaf brightness, share."""
     seed: np.uint64
     """Number of the exposure, mixed with the seed of the wind; 0 in calm air."""
+    plants: np.uint64
+    """Seed of the sway of trees, the same in all exposures."""
+    seconds: float
+    """Moment of the exposure."""
 
 
-def wind_field(wind: Wind, exposure: int, bounds: tuple[float, float, float, float]) -> WindField:
+def wind_field(
+    wind: Wind, exposure: int, bounds: tuple[float, float, float, float], *, seconds: float = 0.0
+) -> WindField:
     """Wind at one exposure over (west, south, east, north), metres in scene coordinates.
 
-    The field at a place does not depend on the bounds.
+    The field at a place does not depend on the bounds. ``seconds`` is the moment, counted from any
+    fixed one: gusts and sway of two exposures are as similar as the time between them says.
     """
     west, south, east, north = bounds
     x, y = _samples(west, east), _samples(south, north)
@@ -116,8 +137,8 @@ def wind_field(wind: Wind, exposure: int, bounds: tuple[float, float, float, flo
         still = np.zeros((2, 2), dtype=np.float32)
         gusts, seed = [still, still], 0
     else:
-        generator = np.random.default_rng([wind.seed, exposure, 0x5EED])
-        gusts = [_gusts(wind, x, y, generator) for _ in range(2)]
+        generator = np.random.default_rng([wind.seed, 0x5EED])
+        gusts = [_gusts(wind, x, y, seconds, generator) for _ in range(2)]
         seed = 1 + (wind.seed * 1_000_003 + exposure) % 2**31
     return WindField(
         gusts[0],
@@ -131,14 +152,21 @@ def wind_field(wind: Wind, exposure: int, bounds: tuple[float, float, float, flo
         np.float32(wind.leaf_amplitude * wind.speed / REFERENCE_SPEED),
         np.float32(wind.flutter * min(wind.speed / REFERENCE_SPEED, 1.0)),
         np.uint64(seed),
+        np.uint64(wind.seed % 2**31),
+        float(seconds),
     )
 
 
 def displacement(
-    wind: Wind, exposure: int, x: np.ndarray, y: np.ndarray, height: np.ndarray, plant_height: float
+    wind: Wind,
+    seconds: float,
+    x: np.ndarray,
+    y: np.ndarray,
+    height: np.ndarray,
+    plant_height: float,
 ) -> np.ndarray:
     """Gust displacement (n, 2), m east and north, of points at a height above the foot of their tree."""
-    field = wind_field(wind, exposure, (np.min(x), np.min(y), np.max(x), np.max(y)))
+    field = wind_field(wind, 0, (np.min(x), np.min(y), np.max(x), np.max(y)), seconds=seconds)
     lift = (np.clip(height / plant_height, 0, 1)) ** 1.5 * float(field.crown)
     columns = (np.asarray(x) - field.west) / field.step
     rows = (np.asarray(y) - field.south) / field.step
@@ -156,12 +184,19 @@ def gust(field, x, y):
 
 
 @inner
-def own_sway(field, plant):
-    """Sway (east, north) of one tree at its top, m: a sum of uniform numbers, close to normal."""
-    a = uniform(hash3(field.seed, plant, 11)) + uniform(hash3(field.seed, plant, 12))
-    b = uniform(hash3(field.seed, plant, 13)) + uniform(hash3(field.seed, plant, 14))
-    scale = field.sway * np.float32(math.sqrt(6.0))
-    return scale * (a - np.float32(1)), scale * (b - np.float32(1))
+def own_sway(field, plant, height):
+    """Sway (east, north) of one tree at its top, m: three oscillations near its natural frequency."""
+    natural = np.float64(_FREQUENCY / max(height, np.float32(1)))
+    east, north = np.float32(0), np.float32(0)
+    for k in range(3):
+        h = hash3(field.plants, plant, 11 + k)
+        detune = uniform(h) + uniform(hash2(h, 1)) + uniform(hash2(h, 2)) - np.float32(1.5)
+        cycles = natural * (1 + 2 * _BAND * detune) * field.seconds
+        part = np.float32(cycles - math.floor(cycles))
+        east += math.cos(np.float32(2 * math.pi) * (part + uniform(hash2(h, 3))))
+        north += math.cos(np.float32(2 * math.pi) * (part + uniform(hash2(h, 4))))
+    scale = field.sway * np.float32(math.sqrt(2 / 3))
+    return scale * east, scale * north
 
 
 def _samples(low: float, high: float) -> np.ndarray:
@@ -169,9 +204,19 @@ def _samples(low: float, high: float) -> np.ndarray:
     return np.arange(np.floor(low / _RASTER_STEP), np.ceil(high / _RASTER_STEP) + 2) * _RASTER_STEP
 
 
-def _gusts(wind: Wind, x: np.ndarray, y: np.ndarray, generator: np.random.Generator) -> np.ndarray:
-    large = gaussian_field(x[None, :], y[:, None], wind.large_correlation, generator)
-    small = gaussian_field(x[None, :], y[:, None], wind.small_correlation, generator)
+def _gusts(
+    wind: Wind, x: np.ndarray, y: np.ndarray, seconds: float, generator: np.random.Generator
+) -> np.ndarray:
+    large, small = (
+        gaussian_field(
+            x[None, :],
+            y[:, None],
+            length,
+            generator,
+            motion=Motion(wind.velocity, length / (TURBULENCE * wind.speed), seconds),
+        )
+        for length in (wind.large_correlation, wind.small_correlation)
+    )
     return (math.sqrt(_LARGE_SHARE) * large + math.sqrt(1 - _LARGE_SHARE) * small).astype(np.float32)
 
 
