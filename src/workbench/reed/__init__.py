@@ -1,1 +1,60 @@
-"""reed"""
+"""Aquatic reed: heights, extent, density, front and status [reed paper 2.5]."""
+
+from workbench.reed.accuracy import Agreement, density_agreement, extent_agreement, status_agreement
+from workbench.reed.change import ReedChange, compare_dates
+from workbench.reed.density import CellStatistics, cell_statistics, classify_cells, density_cells
+from workbench.reed.extent import ReedExtent, extent, lake_side, map_extent
+from workbench.reed.field import read_field_points, read_plots
+from workbench.reed.front import Front, sinuosity, trace_front
+from workbench.reed.heights import (
+    HeightAgreement,
+    agreement_by_area,
+    compare_heights,
+    height_at_points,
+    object_height,
+)
+from workbench.reed.measure import ReedMetrics, ReedModel, measure_reed
+from workbench.reed.stage import load_model, reed_site
+from workbench.reed.status import arsi, assess_sections, classify
+from workbench.reed.transects import lay_transects, strips
+from workbench.reed.uncertainty import Uncertainty, propagate, sensitivity
+
+__all__ = [
+    "Agreement",
+    "CellStatistics",
+    "Front",
+    "HeightAgreement",
+    "ReedChange",
+    "ReedExtent",
+    "ReedMetrics",
+    "ReedModel",
+    "Uncertainty",
+    "agreement_by_area",
+    "arsi",
+    "assess_sections",
+    "cell_statistics",
+    "classify",
+    "classify_cells",
+    "compare_dates",
+    "compare_heights",
+    "density_agreement",
+    "density_cells",
+    "extent",
+    "extent_agreement",
+    "height_at_points",
+    "lake_side",
+    "lay_transects",
+    "load_model",
+    "map_extent",
+    "measure_reed",
+    "object_height",
+    "propagate",
+    "read_field_points",
+    "read_plots",
+    "reed_site",
+    "sensitivity",
+    "sinuosity",
+    "status_agreement",
+    "strips",
+    "trace_front",
+]

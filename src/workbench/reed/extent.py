@@ -1,0 +1,243 @@
+"""Extent of aquatic reed: heights within limits, on the lake side of the shoreline [reed 2.5.2].
+
+What has no height is neither reed nor water: it is unknown, and is mapped and counted as such.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TypeAlias
+
+import geopandas as gpd
+import numpy as np
+import rasterio.features
+import shapely
+import xarray as xr
+from scipy import ndimage
+from shapely.geometry.base import BaseGeometry
+
+from workbench.errors import ReedError
+from workbench.params import ReedParameters
+from workbench.rasters import Grid
+from workbench.reed.heights import object_height
+
+_DEFAULTS = ReedParameters()
+_ALL_NEIGHBOURS = np.ones((3, 3), dtype=bool)
+
+Shoreline: TypeAlias = gpd.GeoDataFrame | gpd.GeoSeries | BaseGeometry
+
+
+@dataclass(frozen=True, eq=False)
+class ReedExtent:
+    """Where reed stands, and where nothing is known."""
+
+    reed: BaseGeometry
+    """MultiPolygon along cell edges, cut at the shoreline; empty without reed."""
+    unknown: BaseGeometry
+    """MultiPolygon of the lake side within the raster that has no height."""
+    lake: BaseGeometry
+    """Lake side of the shoreline within the raster."""
+    shore: BaseGeometry
+    """The shoreline within the raster, lines."""
+    grid: Grid
+    """Cells that it was mapped on."""
+
+    @property
+    def frame(self) -> gpd.GeoDataFrame:
+        """One row with ``area_m2`` and the dissolved polygon; no row without reed."""
+        rows = [] if self.reed.is_empty else [{"area_m2": self.reed.area, "geometry": self.reed}]
+        return gpd.GeoDataFrame(rows, columns=["area_m2", "geometry"], geometry="geometry", crs=self.grid.crs)
+
+
+def extent(
+    dsm: xr.DataArray,
+    water_level: float,
+    min_height: float = _DEFAULTS.min_height,
+    max_height: float = _DEFAULTS.max_height,
+    shoreline: Shoreline | None = None,
+    *,
+    min_area: float = _DEFAULTS.min_area,
+    min_hole: float = _DEFAULTS.min_hole,
+    sliver_width: float = _DEFAULTS.sliver_width,
+) -> gpd.GeoDataFrame:
+    """Extent of aquatic reed: ``water_level + min_height < dsm < water_level + max_height``.
+
+    Parameters
+    ----------
+    dsm
+        Surface heights (y, x), m, with CRS and vertical datum; NaN where unknown.
+    water_level
+        a: of the day, m in the datum of the surface.
+    min_height, max_height
+        b, c: limits of reed above the water, m, both exclusive.
+    shoreline
+        Polygon of the lake side of the official shoreline, in any CRS if it is a frame; without it all of
+        the raster counts as lake.
+    min_area, min_hole, sliver_width
+        See :func:`map_extent`.
+
+    Returns
+    -------
+    GeoDataFrame
+        One row: ``area_m2`` and the dissolved polygon, holes kept; none where there is no reed.
+
+    Raises
+    ------
+    ReedError
+        If limits, water level or shoreline are impossible; see also :func:`map_extent`.
+    """
+    ohm = object_height(dsm, water_level)
+    return map_extent(
+        ohm,
+        shoreline,
+        min_height=min_height,
+        max_height=max_height,
+        min_area=min_area,
+        min_hole=min_hole,
+        sliver_width=sliver_width,
+    ).frame
+
+
+def map_extent(
+    ohm: xr.DataArray,
+    shoreline: Shoreline | None = None,
+    *,
+    min_height: float = _DEFAULTS.min_height,
+    max_height: float = _DEFAULTS.max_height,
+    min_area: float = _DEFAULTS.min_area,
+    min_hole: float = _DEFAULTS.min_hole,
+    sliver_width: float = _DEFAULTS.sliver_width,
+) -> ReedExtent:
+    """Map reed and unknown areas on an object height model.
+
+    Cells that touch at corners only belong to different patches. Patches are dropped and gaps closed by
+    area before the cut at the shoreline, what the cut leaves once more after it. A gap without heights
+    stays open: it is unknown.
+
+    Parameters
+    ----------
+    ohm
+        Heights above the water (y, x), m.
+    shoreline
+        Polygon of the lake side.
+    min_height, max_height
+        Limits of reed, m, exclusive.
+    min_area
+        Smaller patches are dropped, m².
+    min_hole
+        Smaller gaps are closed, m².
+    sliver_width
+        Patches at the shoreline that are narrower than this everywhere are dropped, m.
+
+    Raises
+    ------
+    ReedError
+        If the limits are not in order, or the shoreline is empty, no polygon or away from the raster.
+    """
+    if not 0 <= min_height < max_height:
+        raise ReedError(f"Reed between {min_height} and {max_height} m: give 0 <= minimum < maximum.")
+    grid = Grid.of(ohm)
+    frame = shapely.box(*grid.bounds)
+    lake = frame if shoreline is None else lake_side(shoreline, grid)
+    shore = shapely.LineString() if shoreline is None else _shoreline(lake, frame)
+    heights = ohm.values
+    near_lake = _rasterised(lake, grid)
+    known = np.isfinite(heights)
+    with np.errstate(invalid="ignore"):
+        reed = (heights > min_height) & (heights < max_height) & near_lake
+    reed = _cleaned(reed, known, grid, min_area, min_hole)
+    patches = _polygons(reed, grid)
+    if shoreline is not None:
+        patches = _cut(patches, lake, min_area, sliver_width)
+    gaps = _polygons(~known & near_lake, grid)
+    if shoreline is not None:
+        gaps = _cut(gaps, lake, 0.0, 0.0)
+    return ReedExtent(shapely.multipolygons(patches), shapely.multipolygons(gaps), lake, shore, grid)
+
+
+def lake_side(shoreline: Shoreline, grid: Grid) -> BaseGeometry:
+    """Lake side of a shoreline within a grid, in its CRS.
+
+    Raises
+    ------
+    ReedError
+        If it is empty, holds lines, lacks a CRS, or does not touch the grid.
+    """
+    if isinstance(shoreline, BaseGeometry):
+        shape = shoreline
+    else:
+        if shoreline.crs is None:
+            raise ReedError("The shoreline has no CRS: set it, for example with .set_crs().")
+        shape = shapely.union_all(shoreline.to_crs(grid.crs).geometry.to_numpy())
+    if shape.is_empty:
+        raise ReedError("The shoreline is empty: give the polygon of the lake side.")
+    if shape.geom_type not in ("Polygon", "MultiPolygon"):
+        raise ReedError(
+            f"The shoreline is a {shape.geom_type}: give the polygon of the lake side, "
+            "so that it is known on which side the water is."
+        )
+    if not shape.is_valid:
+        shape = shapely.make_valid(shape)
+    inside = shapely.intersection(shape, shapely.box(*grid.bounds))
+    parts = [part for part in shapely.get_parts(inside) if part.geom_type == "Polygon"]
+    if not parts:
+        raise ReedError(
+            f"The lake side of the shoreline {tuple(round(v, 1) for v in shape.bounds)} does not touch the "
+            f"surface {tuple(round(v, 1) for v in grid.bounds)}: is it in {grid.crs}?"
+        )
+    return shapely.multipolygons(parts)
+
+
+def _shoreline(lake: BaseGeometry, frame: BaseGeometry) -> BaseGeometry:
+    """Outline of the lake side without the border of the raster."""
+    return shapely.difference(lake.boundary, shapely.buffer(frame.boundary, 1e-6))
+
+
+def _rasterised(shape: BaseGeometry, grid: Grid) -> np.ndarray:
+    """Every cell that a shape touches, so that the exact cut can follow."""
+    return rasterio.features.rasterize(
+        [shape], out_shape=grid.shape, transform=grid.transform, all_touched=True, dtype="uint8"
+    ).astype(bool)
+
+
+def _cleaned(reed: np.ndarray, known: np.ndarray, grid: Grid, min_area: float, min_hole: float) -> np.ndarray:
+    """Without small gaps of known height, then without small patches."""
+    cell = grid.resolution**2
+    if min_hole > cell:
+        # What surrounds four-connected patches is eight-connected.
+        gaps, number = ndimage.label(~reed, structure=_ALL_NEIGHBOURS)
+        open_ = np.bincount(gaps.ravel(), minlength=number + 1) * cell >= min_hole * (1 - 1e-9)
+        open_[np.unique(gaps[~known])] = True
+        for edge in (gaps[0], gaps[-1], gaps[:, 0], gaps[:, -1]):
+            open_[np.unique(edge)] = True
+        open_[0] = False
+        reed = reed | ((gaps > 0) & ~open_[gaps])
+    if min_area > cell:
+        patches, number = ndimage.label(reed)
+        large = np.bincount(patches.ravel(), minlength=number + 1) * cell >= min_area * (1 - 1e-9)
+        large[0] = False
+        reed = large[patches]
+    return reed
+
+
+def _polygons(mask: np.ndarray, grid: Grid) -> np.ndarray:
+    shapes = rasterio.features.shapes(
+        mask.view(np.uint8), mask=mask, connectivity=4, transform=grid.transform
+    )
+    rings = [shapely.Polygon(shape["coordinates"][0], shape["coordinates"][1:]) for shape, _ in shapes]
+    return np.array(rings, dtype=object)
+
+
+def _cut(patches: np.ndarray, lake: BaseGeometry, min_area: float, sliver_width: float) -> np.ndarray:
+    """Parts of the patches on the lake side; of those that the cut changed, only the large and wide."""
+    if not len(patches):
+        return patches
+    shapely.prepare(lake)
+    whole = shapely.contains_properly(lake, patches)
+    cut = shapely.get_parts(shapely.intersection(patches[~whole], lake))
+    cut = cut[(shapely.get_type_id(cut) == 3) & (shapely.area(cut) >= min_area * (1 - 1e-9))]
+    if sliver_width > 0 and len(cut):
+        thin = 2 * shapely.area(cut) < 4 * sliver_width * shapely.length(cut)
+        thin[thin] = shapely.is_empty(shapely.buffer(cut[thin], -sliver_width / 2))
+        cut = cut[~thin]
+    return np.concatenate([patches[whole], cut])

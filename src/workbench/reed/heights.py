@@ -1,0 +1,181 @@
+"""Heights of reed above the water, and how well they agree with the field."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import xarray as xr
+from numpy.typing import ArrayLike
+
+from workbench.errors import ReedError
+from workbench.params import ReedParameters
+from workbench.rasters import Grid, new_raster, require_heights
+
+_DEFAULTS = ReedParameters()
+
+
+def object_height(dsm: xr.DataArray, water_level: float) -> xr.DataArray:
+    """Object height model: the surface above the water [reed 2.5.1].
+
+    Parameters
+    ----------
+    dsm
+        Surface heights (y, x), m, with CRS and vertical datum; NaN where unknown.
+    water_level
+        Of the day of the flight, m in the same datum.
+
+    Returns
+    -------
+    DataArray
+        Metres above the water, float32, on the grid of the surface.
+
+    Raises
+    ------
+    RasterError
+        If the surface states no CRS or vertical datum.
+    ReedError
+        If the water level is not a number, or lies above the whole surface.
+    """
+    datum = require_heights(dsm)
+    if not np.isfinite(water_level):
+        raise ReedError(f"The water level is {water_level}: state it in metres, in {datum}.")
+    values = dsm.values
+    highest = float(np.nanmax(values)) if np.isfinite(values).any() else np.nan
+    if not highest > water_level:
+        raise ReedError(
+            f"The water level {water_level:g} m is above everything in the surface (up to {highest:g} m): "
+            f"is it in {datum}, of the right lake and day?"
+        )
+    heights = (values - np.float64(water_level)).astype(np.float32)
+    return new_raster(
+        heights, Grid.of(dsm), name="ohm", units="m", long_name="height above water", vertical_datum=datum
+    )
+
+
+def height_at_points(
+    ohm: xr.DataArray, x: ArrayLike, y: ArrayLike, *, radius: float = _DEFAULTS.point_radius
+) -> np.ndarray:
+    """Highest cell within a distance of each point [reed 2.5.1].
+
+    A cell counts if its centre lies within the disc (border included); the disc is not rounded to cells.
+
+    Parameters
+    ----------
+    ohm
+        Heights (y, x), m; NaN is left out.
+    x, y
+        (n,) coordinates in the CRS of the raster.
+    radius
+        Of the disc, m.
+
+    Returns
+    -------
+    ndarray
+        (n,) float64, NaN where no known cell lies in the disc.
+    """
+    grid = Grid.of(ohm)
+    x, y = np.atleast_1d(np.asarray(x, dtype=float)), np.atleast_1d(np.asarray(y, dtype=float))
+    # Cell coordinates in which the centre of cell (i, j) is (i, j).
+    column = (x - grid.west) / grid.resolution - 0.5
+    row = (grid.north - y) / grid.resolution - 0.5
+    reach = radius / grid.resolution
+    steps = np.arange(-int(np.ceil(reach)) - 1, int(np.ceil(reach)) + 2)
+    rows = np.round(row)[:, None, None] + steps[None, :, None]
+    columns = np.round(column)[:, None, None] + steps[None, None, :]
+    distance2 = (rows - row[:, None, None]) ** 2 + (columns - column[:, None, None]) ** 2
+    inside = distance2 <= reach**2 * (1 + 1e-9)
+    inside = inside & (rows >= 0) & (rows < grid.height) & (columns >= 0) & (columns < grid.width)
+    rows, columns, inside = np.broadcast_arrays(rows, columns, inside)
+    found = np.full(inside.shape, -np.inf)
+    found[inside] = ohm.values[rows[inside].astype(int), columns[inside].astype(int)]
+    highest = np.where(np.isnan(found), -np.inf, found).max(axis=(1, 2))
+    return np.where(np.isfinite(highest), highest, np.nan)
+
+
+@dataclass(frozen=True)
+class HeightAgreement:
+    """How heights from the surface agree with those of the field, for one area or all."""
+
+    n: int
+    """Points compared."""
+    rmse: float
+    """Root mean square of surface minus field, m [reed table 1]."""
+    bias: float
+    """Mean of surface minus field, m."""
+    r2: float
+    """Squared correlation: what a fitted line explains, as in the figure of the authors, 0..1."""
+    efficiency: float
+    """1 - residual / total sum of squares about the line 1:1, at most 1; negative if the mean did better."""
+    slope: float
+    """Of surface on field, m/m."""
+    intercept: float
+    """Of surface on field, m."""
+
+    @classmethod
+    def of(cls, field: ArrayLike, surface: ArrayLike) -> HeightAgreement:
+        """Compare (n,) heights in metres; pairs with NaN are left out."""
+        observed, predicted = np.asarray(field, dtype=float), np.asarray(surface, dtype=float)
+        known = np.isfinite(observed) & np.isfinite(predicted)
+        observed, predicted = observed[known], predicted[known]
+        n = len(observed)
+        if n == 0:
+            return cls(0, *[float("nan")] * 6)
+        error = predicted - observed
+        spread = float(np.sum((observed - observed.mean()) ** 2))
+        rmse, bias = float(np.sqrt(np.mean(error**2))), float(error.mean())
+        if n < 2 or spread == 0:
+            return cls(n, rmse, bias, *[float("nan")] * 4)
+        covariance = float(np.sum((observed - observed.mean()) * (predicted - predicted.mean())))
+        total = float(np.sum((predicted - predicted.mean()) ** 2))
+        slope = covariance / spread
+        return cls(
+            n=n,
+            rmse=rmse,
+            bias=bias,
+            r2=covariance**2 / (spread * total) if total > 0 else float("nan"),
+            efficiency=1 - float(np.sum(error**2)) / spread,
+            slope=slope,
+            intercept=float(predicted.mean() - slope * observed.mean()),
+        )
+
+
+def compare_heights(
+    ohm: xr.DataArray, points: pd.DataFrame, *, radius: float = _DEFAULTS.point_radius
+) -> pd.DataFrame:
+    """Field height above the water beside the surface's at every field point with reed.
+
+    Field height is stem height minus water depth [reed 2.5.1].
+
+    Parameters
+    ----------
+    ohm
+        Heights above the water, m.
+    points
+        Columns ``aoi, transect, point, x, y, stem_height_m, water_depth_m`` as
+        :func:`workbench.reed.read_field_points` gives them.
+    radius
+        See :func:`height_at_points`.
+
+    Returns
+    -------
+    DataFrame
+        Rows with a stem: ``aoi, transect, point, x, y, water_depth_m, field_m, surface_m``; ``field_m``
+        is NaN without a depth, ``surface_m`` where the surface is unknown.
+    """
+    reed = points[np.isfinite(points.stem_height_m)]
+    table = reed[["aoi", "transect", "point", "x", "y", "water_depth_m"]].reset_index(drop=True)
+    table["field_m"] = (reed.stem_height_m - reed.water_depth_m).to_numpy()
+    table["surface_m"] = height_at_points(ohm, table.x, table.y, radius=radius) if len(table) else np.nan
+    return table
+
+
+def agreement_by_area(compared: pd.DataFrame) -> pd.DataFrame:
+    """One row an area and a last row ``total``: the fields of :class:`HeightAgreement`."""
+    rows: list[dict[str, Any]] = []
+    for aoi, part in compared.groupby("aoi", sort=False):
+        rows.append({"aoi": str(aoi), **vars(HeightAgreement.of(part.field_m, part.surface_m))})
+    rows.append({"aoi": "total", **vars(HeightAgreement.of(compared.field_m, compared.surface_m))})
+    return pd.DataFrame(rows)

@@ -1,0 +1,162 @@
+"""The reed stage: from the surface of a site to the status of its reed."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import geopandas as gpd
+import pandas as pd
+
+from workbench.errors import ReedError
+from workbench.params import Parameters, ReedParameters
+from workbench.rasters import read_raster, write_raster
+from workbench.reed.accuracy import Agreement, density_agreement, extent_agreement, status_agreement
+from workbench.reed.field import read_field_points, read_plots
+from workbench.reed.heights import agreement_by_area, compare_heights
+from workbench.reed.measure import ReedMetrics, ReedModel
+from workbench.reed.uncertainty import propagate
+from workbench.site import Site
+from workbench.stages import FOLDERS, Stage, open_stage
+from workbench.vectors import read_vector, write_layers
+
+
+def reed_site(site: Site, parameters: Parameters) -> dict:
+    """Measure the reed of a site, and compare with its field campaign where there is one.
+
+    Writes ``ohm.tif``, ``reed.gpkg`` (layers ``extent``, ``front``, ``sections``, ``density_cells``,
+    ``islets_holes``, ``unknown``; empty ones are left out), ``sections.csv`` (one row a section),
+    ``heights.csv`` and ``matrix_*.csv`` (where there are references), ``uncertainty.csv`` (with draws).
+
+    Returns
+    -------
+    dict
+        The metrics: areas, front, sections by status, agreement of heights, error matrices, warnings.
+
+    Raises
+    ------
+    ReedError
+        If the site has no water level or surface, or its shoreline, areas or transects do not fit it.
+    SiteError
+        If a table of the campaign cannot be read.
+    """
+    options = parameters.reed
+    model = load_model(site, options)
+    with open_stage(site.products / FOLDERS["reed"], {"reed": options}) as stage:
+        metrics = model.measure(options)
+        write_raster(metrics.ohm, stage.path("ohm.tif"))
+        write_layers(_layers(metrics), stage.path("reed.gpkg"))
+        sections = pd.DataFrame(metrics.sections.drop(columns="geometry"))
+        _write_table(sections, stage.path("sections.csv"))
+        stage.metrics.update(metrics.totals())
+        stage.metrics["excluded_reasons"] = sections.reason[sections.reason != ""].value_counts().to_dict()
+        stage.metrics["areas"] = _by_area(metrics)
+        _compare(site, metrics, options, stage)
+        if options.draws:
+            spread = site.products / FOLDERS["surface"] / "spread.tif"
+            drawn = propagate(model, options, spread=read_raster(spread) if spread.exists() else None)
+            _write_table(drawn.summary, stage.path("uncertainty.csv"))
+            _write_table(drawn.sections, stage.path("section_uncertainty.csv"))
+            stage.metrics["uncertainty"] = drawn.summary.set_index("metric").to_dict("index")
+        stage.metrics["warnings"] = _warnings(site, metrics)
+    return stage.metrics
+
+
+def load_model(site: Site, options: ReedParameters | None = None) -> ReedModel:
+    """Surface, water level, shoreline, areas and transects of a site, ready to be measured.
+
+    Raises
+    ------
+    ReedError
+        If neither the site nor the parameters state the water level, or the surface has not been made.
+    """
+    level = site.water_level
+    if level is None and (options is None or options.water_level is None):
+        raise ReedError(f"{site.folder / 'site.yaml'}: water_level is open. State it in metres.")
+    surface = site.products / FOLDERS["surface"] / "dsm.tif"
+    if not surface.exists():
+        raise ReedError(f"{surface}: missing. Run `workbench surface --site {site.name}` first.")
+    transects = site.transects
+    return ReedModel(
+        read_raster(surface),
+        level,
+        None if site.shoreline is None else read_vector(site.shoreline),
+        areas=None if site.areas is None else read_vector(site.areas),
+        transects=None if transects is None else read_vector(transects),
+    )
+
+
+def _layers(metrics: ReedMetrics) -> dict[str, gpd.GeoDataFrame]:
+    crs = metrics.extent.grid.crs
+    unknown = metrics.extent.unknown
+    layers = {
+        "extent": metrics.areas,
+        "front": metrics.front.lines,
+        "sections": metrics.sections,
+        "density_cells": metrics.cells,
+        "islets_holes": metrics.front.closed,
+        "unknown": gpd.GeoDataFrame(
+            {"area_m2": [] if unknown.is_empty else [unknown.area]},
+            geometry=[] if unknown.is_empty else [unknown],
+            crs=crs,
+        ),
+    }
+    optional = ("islets_holes", "unknown")
+    return {name: frame for name, frame in layers.items() if len(frame) or name not in optional}
+
+
+def _by_area(metrics: ReedMetrics) -> dict[str, dict[str, Any]]:
+    rows = metrics.areas.drop(columns="geometry").set_index("aoi")
+    counts = metrics.sections.groupby(["aoi", "status"]).size().unstack(fill_value=0)
+    table = rows.join(counts.reindex(rows.index, fill_value=0))
+    return table.to_dict("index")
+
+
+def _compare(site: Site, metrics: ReedMetrics, options: ReedParameters, stage: Stage) -> None:
+    """Heights, extent, density and status against whatever the site has of a campaign."""
+    points = None if site.field_points is None else read_field_points(site.field_points)
+    matrices: dict[str, Agreement] = {}
+    if points is not None:
+        compared = compare_heights(metrics.ohm, points, radius=options.point_radius)
+        _write_table(compared, stage.path("heights.csv"))
+        agreement = agreement_by_area(compared).set_index("aoi")
+        stage.metrics["heights"] = agreement.to_dict("index")
+        stage.metrics["heights_left_out"] = int(len(compared) - agreement.n["total"])
+        matrices["extent"] = extent_agreement(points, metrics.extent)
+    if site.plots is not None:
+        plots = read_plots(site.plots)
+        matrices["density"] = density_agreement(
+            plots, points, metrics.cells, metrics.extent, dense_stems=options.plot_dense_stems
+        )
+    if site.reference_status is not None and len(metrics.sections):
+        matrices["status"] = status_agreement(metrics.sections, read_vector(site.reference_status))
+    for name, agreement_ in matrices.items():
+        matrix = agreement_.matrix
+        _write_table(matrix.intervals(), stage.path(f"matrix_{name}.csv"))
+        stage.metrics[f"{name}_matrix"] = {
+            "classes": list(matrix.classes),
+            "counts": matrix.counts.astype(int).tolist(),
+            "overall_accuracy": matrix.overall_accuracy,
+            "kappa": matrix.kappa,
+            "producer_accuracy": matrix.producer_accuracy.to_dict(),
+            "user_accuracy": matrix.user_accuracy.to_dict(),
+            "left_out": agreement_.left_out,
+        }
+
+
+def _warnings(site: Site, metrics: ReedMetrics) -> list[str]:
+    found = []
+    if metrics.extent.reed.is_empty:
+        found.append("No reed on the lake side: check water level and height limits.")
+    if site.shoreline is None:
+        found.append("The site has no shoreline: everything between the height limits counts as reed.")
+    share = float(metrics.areas.unknown_m2.sum()) / max(metrics.extent.lake.area, 1e-9)
+    if share > 0.1:
+        found.append(f"{100 * share:.0f} % of the lake side has no height and is unknown.")
+    return found
+
+
+def _write_table(table: pd.DataFrame, path: Path) -> None:
+    part = path.with_name(f".{path.name}.part")
+    table.to_csv(part, index=False, lineterminator="\n")
+    part.replace(path)
