@@ -114,10 +114,10 @@ class ReedParameters(Section):
         le=20,
     )
     front_smoothing: float = parameter(
-        1.0,
+        1.5,
         "Corners of pixels within this distance of a straight line are taken off the front; 0: none.",
         unit="pixel",
-        source="a straight front then has sinuosity 1 in every direction, and not up to 1.41",
+        source="corners of a straight front lie within 1.41 pixels: its sinuosity is 1 in every direction",
         ge=0,
         le=20,
     )

@@ -179,7 +179,7 @@ def lake_side(shoreline: Shoreline, grid: Grid) -> BaseGeometry:
     if not shape.is_valid:
         shape = shapely.make_valid(shape)
     inside = shapely.intersection(shape, shapely.box(*grid.bounds))
-    parts = [part for part in shapely.get_parts(inside) if part.geom_type == "Polygon"]
+    parts = [part for part in shapely.get_parts(inside) if part.geom_type == "Polygon" and part.area > 0]
     if not parts:
         raise ReedError(
             f"The lake side of the shoreline {tuple(round(v, 1) for v in shape.bounds)} does not touch the "
@@ -235,7 +235,11 @@ def _cut(patches: np.ndarray, lake: BaseGeometry, min_area: float, sliver_width:
     shapely.prepare(lake)
     whole = shapely.contains_properly(lake, patches)
     cut = shapely.get_parts(shapely.intersection(patches[~whole], lake))
-    cut = cut[(shapely.get_type_id(cut) == 3) & (shapely.area(cut) >= min_area * (1 - 1e-9))]
+    cut = cut[
+        (shapely.get_type_id(cut) == 3)
+        & (shapely.area(cut) >= min_area * (1 - 1e-9))
+        & ~shapely.is_empty(cut)
+    ]
     if sliver_width > 0 and len(cut):
         thin = 2 * shapely.area(cut) < 4 * sliver_width * shapely.length(cut)
         thin[thin] = shapely.is_empty(shapely.buffer(cut[thin], -sliver_width / 2))

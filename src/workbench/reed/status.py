@@ -202,12 +202,11 @@ def _reason(
     pieces: np.ndarray, areas: dict[str, float], closed: int, strip: BaseGeometry, unknown: BaseGeometry
 ) -> str:
     """Why a section cannot be assessed; empty if it can."""
-    if areas["sparse"] + areas["dense"] > 0 and len(pieces):
+    measured = areas["sparse"] + areas["dense"] > 0
+    if measured and len(pieces):
         return "" if sinuosity(shapely.multilinestrings(pieces)) >= 1 else "front closes on itself"
     if shapely.area(shapely.intersection(strip, unknown)) > 0.5 * strip.area:
         return "surface unknown"
-    if len(pieces):
-        return "no density known"
-    if areas["sparse"] + areas["dense"] + areas["unknown"] == 0:
-        return "no reed"
+    if not measured:
+        return "no density known" if areas["unknown"] > 0 else "no reed"
     return "no front, closed lines only" if closed else "no front"

@@ -102,7 +102,7 @@ def lay_transects(
     GeoDataFrame
         ``aoi``, ``transect``, lines from the water to the shore. None for a shore shorter than a section.
     """
-    pieces = [line for line in shapely.get_parts(_merged(shore)) if line.length >= spacing]
+    pieces = [line for line in shapely.get_parts(_merged(shore)) if line.length >= spacing * (1 - 1e-3)]
     shapely.prepare(lake)
     rows = []
     for number, line in enumerate(pieces, start=1):
@@ -134,10 +134,11 @@ def _stations(
         points = gaussian_filter1d(np.vstack([before, points, after]), smoothing / step, axis=0)
         points = points[far : far + count + 1]
     smooth = LineString(points)
-    number = int(smooth.length / spacing + 1e-9)
+    number = int(smooth.length / spacing + 1e-3)
     if number < 1:
         return np.zeros((0, 2)), np.zeros((0, 2))
     places = (smooth.length - number * spacing) / 2 + np.arange(number + 1) * spacing
+    places = np.clip(places, 0, smooth.length)
     feet = shapely.get_coordinates(smooth.interpolate(places))
     half = spacing / 2
     ahead = shapely.get_coordinates(smooth.interpolate(np.minimum(places + half, smooth.length)))
