@@ -82,20 +82,23 @@ class TreesParameters(Section):
         le=50,
     )
     window_start: float = parameter(
-        0.6,
-        "Radius of the growing search disc at height zero.",
+        0.5,
+        "Radius of the growing search disc at height zero; may be negative.",
         unit="m",
-        source="a young tree of 3 m stands for itself from about 1.5 m distance",
-        ge=0,
+        source="between narrow conifers and wide broadleaf trees (docs/trees.md)",
+        ge=-20,
         le=20,
     )
     window_growth: float = parameter(
-        0.05,
-        "Growth of the radius with the height of the surface.",
+        0.035,
+        "Growth of the radius with height.",
         unit="m/m",
-        source="narrow crowns: radius of a twentieth of the height (conifers in closed stands)",
+        source="1.5 m at 28 m height: half the spacing of closed conifer stands (docs/trees.md)",
         ge=0,
         le=1,
+    )
+    window_smallest: float = parameter(
+        0.5, "Smallest radius of the growing disc.", unit="m", source="a young tree of 3 m", gt=0, le=20
     )
     window_largest: float = parameter(
         7.0, "Largest radius of the growing disc.", unit="m", source="thesis: crowns up to 14 m", gt=0, le=50
@@ -116,27 +119,43 @@ class TreesParameters(Section):
         ge=0,
         le=50,
     )
-    conifer_radius: float = parameter(
-        1.2,
-        "Radius of the search disc in stands of type conifer.",
+    conifer_start: float = parameter(
+        0.3,
+        "As window_start, in stands of type conifer.",
         unit="m",
-        source="chosen on other virtual stands than those judged (docs/trees.md)",
-        gt=0,
-        le=50,
+        source="virtual stands of other seeds than those judged (docs/trees.md)",
+        ge=-20,
+        le=20,
     )
-    broadleaf_radius: float = parameter(
-        2.4,
-        "Radius of the search disc in stands of type broadleaf.",
+    conifer_growth: float = parameter(
+        0.033,
+        "As window_growth, in stands of type conifer.",
+        unit="m/m",
+        source="as conifer_start",
+        ge=0,
+        le=1,
+    )
+    broadleaf_start: float = parameter(
+        -0.7,
+        "As window_start, in stands of type broadleaf.",
         unit="m",
-        source="chosen on other virtual stands than those judged (docs/trees.md)",
-        gt=0,
-        le=50,
+        source="virtual stands of other seeds than those judged (docs/trees.md)",
+        ge=-20,
+        le=20,
+    )
+    broadleaf_growth: float = parameter(
+        0.14,
+        "As window_growth, in stands of type broadleaf.",
+        unit="m/m",
+        source="as broadleaf_start",
+        ge=0,
+        le=1,
     )
     smoothing_size: int = parameter(
-        49,
-        "Edge of the bilateral filter before slope and aspect, odd.",
+        13,
+        "Edge of the bilateral filter before slope and aspect, odd, in cells of 0.2 m.",
         unit="cells",
-        source="thesis 4.3",
+        source="the 49 of thesis 4.3 blur neighbouring crowns into each other (docs/trees.md)",
         ge=1,
         le=499,
     )
@@ -160,40 +179,48 @@ class TreesParameters(Section):
     broadleaf_diameter: float = parameter(
         14.0, "Largest crown in stands of type broadleaf.", unit="m", source="thesis 4.5.2", gt=0, le=60
     )
-    min_slope: float = parameter(
-        0.0,
-        "Growth stops where the smoothed surface falls less than this away from the top.",
+    min_slope: float | None = parameter(
+        None,
+        "Growth stops where the smoothed surface falls less than this away from the top; null: no limit.",
         unit="degree",
-        source="a crown falls from its top; where it rises again the neighbour begins",
+        source="limits cut crowns at every branch on virtual stands (docs/trees.md)",
         ge=-90,
         le=90,
     )
-    max_slope: float = parameter(
-        60.0,
-        "Growth stops where the smoothed surface falls more than this.",
+    max_slope: float | None = parameter(
+        None,
+        "Growth stops where the smoothed surface falls more than this; null: no limit, the thesis has 60.",
         unit="degree",
-        source="thesis 4.5.2",
-        ge=0,
+        source="as min_slope; thesis 4.5.2",
+        ge=-90,
         le=90,
     )
     aspect: Literal["conifer", "never", "always"] = parameter(
         "conifer", "Stands in which aspect limits growth.", unit="-", source="thesis 4.5.2, finding T23"
     )
     max_aspect: int = parameter(
-        3,
+        4,
         "Largest difference between aspect and direction away from the top, in sixteenths of a turn.",
         unit="22.5 degree",
-        source="thesis 3.3: 16 directions; beyond 67.5 degrees the surface belongs to another slope",
+        source="thesis 3.3: 16 directions; beyond a quarter turn the surface belongs to another slope",
         ge=0,
         le=8,
     )
     crown_min_share: float = parameter(
-        0.3,
+        0.2,
         "A crown ends where the surface is lower than this share of its top's height.",
         unit="1",
-        source="lowest live branches of grown trees are above a third of the height",
+        source="below are ground and understorey (docs/trees.md)",
         ge=0,
         lt=1,
+    )
+    crown_winding: float = parameter(
+        1.5,
+        "Ways from a top may be this much longer than the largest radius, in steps.",
+        unit="1",
+        source="a way round a gap in the crown; it bounds what a tile must see",
+        ge=1,
+        le=5,
     )
     max_index_change: float | None = parameter(
         None,
@@ -228,22 +255,6 @@ class TreesParameters(Section):
         source="lidar terrain under forest; spread of the pairs is added cell by cell",
         ge=0,
         le=10,
-    )
-    broadleaf_min_dbh: float = parameter(
-        0.25,
-        "Broadleaf stems count as reference from this diameter at breast height.",
-        unit="m",
-        source="thesis 3.4.1",
-        ge=0,
-        le=5,
-    )
-    conifer_min_dbh: float = parameter(
-        0.20,
-        "Conifer stems count as reference from this diameter at breast height.",
-        unit="m",
-        source="thesis 3.4.1",
-        ge=0,
-        le=5,
     )
     height_class: float = parameter(
         5.0, "Width of the height classes of the stand table.", unit="m", source="forest inventories", gt=0

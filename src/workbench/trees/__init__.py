@@ -1,9 +1,12 @@
-"""Single trees: mask, tops, crowns."""
+"""Single trees: mask, tops, crowns, stands, change."""
 
+from workbench.trees.change import TreeChange, compare_trees
 from workbench.trees.criteria import AtLeast, Change, Reach, Slope
 from workbench.trees.crowns import crown_labels, crown_table, grow_crowns
 from workbench.trees.mask import height_over_surroundings, tree_mask
 from workbench.trees.methods import Dalponte, MarkerWatershed, RegionGrowing
+from workbench.trees.stage import crown_method, trees_site
+from workbench.trees.stands import stand_table, stand_types
 from workbench.trees.tops import TopSearch, find_tops, search_tops
 from workbench.trees.windows import (
     CombinedWindow,
@@ -28,12 +31,18 @@ __all__ = [
     "Slope",
     "StandWindow",
     "TopSearch",
+    "TreeChange",
     "Window",
+    "compare_trees",
     "crown_labels",
+    "crown_method",
     "crown_table",
     "find_tops",
     "grow_crowns",
     "height_over_surroundings",
     "search_tops",
+    "stand_table",
+    "stand_types",
     "tree_mask",
+    "trees_site",
 ]

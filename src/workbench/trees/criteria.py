@@ -50,10 +50,10 @@ class StepCriterion(Protocol):
 class Slope:
     """The smoothed surface falls within limits from one cell to the next."""
 
-    smallest: float = _DEFAULTS.min_slope
-    """Degrees, downward positive."""
-    largest: float = _DEFAULTS.max_slope
-    """Degrees."""
+    smallest: float
+    """Degrees, downward positive; -90 is no limit."""
+    largest: float
+    """Degrees; 90 is no limit."""
 
     def __post_init__(self) -> None:
         if not -90 <= self.smallest < self.largest <= 90:
@@ -108,7 +108,7 @@ class Reach:
     direction away from the top; -1 switches it off. The cells beside the top are free."""
     area: float | None = None
     """Largest area, square metres: of larger crowns the cells nearest to the top stay."""
-    winding: float = 1.5
+    winding: float = _DEFAULTS.crown_winding
     """Ways from the top may be this much longer than the radius, in steps: they bend but do not wander."""
 
 

@@ -69,7 +69,7 @@ class CrownMethod(Protocol):
 class RegionGrowing:
     """Breadth-first growth from all tops at once [thesis 3.3.3], independent of their order."""
 
-    steps: tuple[StepCriterion, ...] = (Slope(),)
+    steps: tuple[StepCriterion, ...] = ()
     """Criteria on neighbouring cells; all must hold."""
     reach: Reach = field(default_factory=Reach)
     """Limits that depend on the top."""

@@ -50,29 +50,34 @@ class ConstantWindow:
 
 @dataclass(frozen=True)
 class GrowingWindow:
-    """Radius that grows with height: ``start + growth * height``, at most ``limit``."""
+    """Radius that grows with height: ``start + growth * height``, within ``smallest`` and ``limit``."""
 
     start: float = _DEFAULTS.window_start
-    """Radius at height zero, metres."""
+    """Radius at height zero, metres; may be negative."""
     growth: float = _DEFAULTS.window_growth
     """Metres of radius per metre of height."""
+    smallest: float = _DEFAULTS.window_smallest
+    """Smallest radius, metres."""
     limit: float = _DEFAULTS.window_largest
     """Largest radius, metres."""
 
     def __post_init__(self) -> None:
+        _require_radius(self.smallest, "smallest radius")
         _require_radius(self.limit, "limit")
-        if self.start < 0 or self.growth < 0 or self.start + self.growth <= 0:
+        if self.growth < 0 or self.smallest > self.limit:
             raise TreesError(
-                f"A window of {self.start} m + {self.growth} x height does not grow: give values >= 0."
+                f"A window of {self.start} m + {self.growth} x height within {self.smallest} and "
+                f"{self.limit} m does not grow: give growth >= 0 and smallest <= limit."
             )
 
     def radii(self, heights: np.ndarray, x: np.ndarray, y: np.ndarray) -> np.ndarray:
         """See :class:`Window`."""
-        return np.minimum(self.start + self.growth * np.asarray(heights, np.float64), self.limit)
+        grown = self.start + self.growth * np.asarray(heights, np.float64)
+        return np.clip(grown, self.smallest, self.limit)
 
     def largest(self, height: float) -> float:
         """See :class:`Window`."""
-        return min(self.start + self.growth * max(height, 0.0), self.limit)
+        return float(np.clip(self.start + self.growth * max(height, 0.0), self.smallest, self.limit))
 
 
 @dataclass(frozen=True)
