@@ -24,7 +24,9 @@ def test_wrong_usage_is_two(tmp_path):
     assert workbench("unknown", cwd=tmp_path).returncode == 2
 
 
-@pytest.mark.parametrize("verb", ["orient", "match", "surface", "mosaic", "report", "run", "check"])
+@pytest.mark.parametrize(
+    "verb", ["orient", "match", "surface", "mosaic", "reed", "trees", "assess", "report", "run", "check"]
+)
 def test_a_site_that_does_not_exist_is_one_and_says_what_to_do(verb, tmp_path):
     result = workbench(verb, "--site", "nowhere", cwd=tmp_path)
     assert result.returncode == 1

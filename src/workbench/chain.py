@@ -8,6 +8,7 @@ from typing import Any
 
 from workbench.params import Parameters
 from workbench.site import Site
+from workbench.stages import FOLDERS, open_stage
 
 Stage = Callable[[Site, Parameters], Any]
 
@@ -18,9 +19,38 @@ def run_site(
     stages: Mapping[str, Stage],
     announce: Callable[[str], None] = print,
 ) -> None:
-    """Run all stages of a site; one that is interrupted continues where it stopped when run again."""
+    """Run all stages that a site has inputs for; an interrupted one continues when run again."""
     for verb, stage in stages.items():
         announce(f"{verb} ...")
         started = time.perf_counter()
-        stage(site, parameters)
+        run_stage(verb, stage, site, parameters, announce, where_possible=True)
         announce(f"{verb} done in {time.perf_counter() - started:.1f} s")
+
+
+def run_stage(
+    verb: str,
+    stage: Stage,
+    site: Site,
+    parameters: Parameters,
+    announce: Callable[[str], None],
+    where_possible: bool = False,
+) -> None:
+    """Run one stage.
+
+    With ``where_possible`` a stage whose input the site lacks leaves ``metrics.json`` with the reason
+    under ``skipped`` instead of failing, so that one pipeline serves sites with and without a lake.
+    """
+    reason = lacking(verb, site) if where_possible else None
+    if reason is None:
+        stage(site, parameters)
+        return
+    announce(f"{verb} skipped: {reason}")
+    with open_stage(site.products / FOLDERS[verb], {}) as skipped:
+        skipped.metrics["skipped"] = reason
+
+
+def lacking(verb: str, site: Site) -> str | None:
+    """What a site lacks for a stage, or None."""
+    if verb == "reed" and site.water_level is None:
+        return "site.yaml has no water_level, so reed is not measured."
+    return None

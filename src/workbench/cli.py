@@ -18,7 +18,7 @@ from workbench.errors import WorkbenchError
 from workbench.params import Parameters, load_parameters
 
 app = typer.Typer(
-    help="From overlapping aerial photographs to camera poses, surfaces and true orthophotos.",
+    help="From overlapping aerial photographs to surfaces, true orthophotos, reed and trees.",
     no_args_is_help=True,
     pretty_exceptions_enable=False,
     add_completion=False,
@@ -29,6 +29,9 @@ SiteOption = Annotated[str, typer.Option("--site", help="Name of the site under 
 RootOption = Annotated[Path, typer.Option("--root", help="Folder that holds data/.")]
 ParamsOption = Annotated[
     Path | None, typer.Option("--params", help="Parameter file; params.yaml of the root by default.")
+]
+WherePossible = Annotated[
+    bool, typer.Option("--where-possible", help="Without the input that the stage needs, say so and succeed.")
 ]
 
 
@@ -114,11 +117,18 @@ def simulate(scene: str, root: RootOption = Path(), params: ParamsOption = None)
 
 
 def _stage_command(verb: str, module: str, function: str, help_text: str) -> None:
-    def command(site: SiteOption, root: RootOption = Path(), params: ParamsOption = None) -> None:
+    def command(
+        site: SiteOption,
+        root: RootOption = Path(),
+        params: ParamsOption = None,
+        where_possible: WherePossible = False,
+    ) -> None:
+        from workbench.chain import run_stage
         from workbench.site import load_site
 
+        stage = _stage_loader(module, function)
         parameters = _parameters(root, params)
-        _stage(module, function)(load_site(site, root), parameters)
+        run_stage(verb, stage, load_site(site, root), parameters, console.print, where_possible)
 
     command.__doc__ = help_text
     app.command(verb)(command)
@@ -129,6 +139,9 @@ STAGES = {
     "match": ("workbench.matching", "match_site", "Disparities of all stereo pairs."),
     "surface": ("workbench.surface", "surface_site", "Surface, count, spread, provenance, terrain."),
     "mosaic": ("workbench.mosaic", "mosaic_site", "True orthophoto, seamlines, indices."),
+    "reed": ("workbench.reed", "reed_site", "Aquatic reed: heights, extent, density, front, status."),
+    "trees": ("workbench.trees", "trees_site", "Single trees: mask, tops, crowns."),
+    "assess": ("workbench.assessment", "assess_site", "Products against their references."),
     "report": ("workbench.figures", "report_site", "One self-contained HTML report."),
 }
 """Module, function and purpose of each stage."""

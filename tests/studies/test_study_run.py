@@ -1,0 +1,113 @@
+"""A study on a small virtual flight: continued, extended, failed cells, the same bytes for two workers."""
+
+from __future__ import annotations
+
+import json
+
+import pandas as pd
+import pytest
+
+from workbench.errors import StudyError
+from workbench.studies import runner
+from workbench.studies.design import Study
+from workbench.studies.runner import run_study
+
+
+def quiet(text):
+    pass
+
+
+def meadow(**values):
+    small = {"flight.reduction": 16, "flight.gsd": 0.22, "simulate.truth_resolution": 0.25}
+    base = {
+        "name": "open-land",
+        "title": "Counts on open land",
+        "scene": "meadow",
+        "orientation": "truth",
+        "factors": {"thin": [1, 2]},
+        "fixed": small,
+        "responses": ["geometry", "counts", "heights"],
+    }
+    return Study(**(base | values))
+
+
+@pytest.fixture(scope="module")
+def root(tmp_path_factory):
+    return tmp_path_factory.mktemp("root")
+
+
+@pytest.fixture(scope="module")
+def result(root):
+    return run_study(meadow(), root, announce=quiet)
+
+
+def test_leaving_photographs_out_opens_the_angle(result):
+    value = result.table.set_index(["thin", "response"])["value"]
+    assert value[1, "angle"] < value[2, "angle"]
+    assert value[1, "photographs"] > value[2, "photographs"]
+    assert value[1, "nmad_meadow"] < 0.22
+    assert result.failed.empty
+    assert (result.costs["seconds"] > 0).all()
+
+
+def test_files_say_what_was_done(result):
+    table = pd.read_parquet(result.folder / "table.parquet")
+    assert table.equals(result.table)
+    design = json.loads((result.folder / "design.json").read_text())
+    assert [cell["thin"] for cell in design["cells"]] == [1, 2]
+    assert (result.folder / "environment.json").exists()
+
+
+def test_a_finished_study_computes_nothing_and_an_added_level_only_what_is_new(root, result, monkeypatch):
+    before = (result.folder / "table.csv").read_bytes()
+    ran = []
+    original = runner._run_step
+
+    def counted(step, job):
+        ran.append(step.verb)
+        return original(step, job)
+
+    monkeypatch.setattr(runner, "_run_step", counted)
+    run_study(meadow(), root, announce=quiet)
+    assert ran == []
+    assert (result.folder / "table.csv").read_bytes() == before
+    extended = run_study(meadow(factors={"thin": [1, 2, 3]}), root, announce=quiet)
+    assert ran == ["orient", "match", "surface"]
+    assert extended.table["thin"].unique().tolist() == [1, 2, 3]
+
+
+def test_an_interrupted_study_continues_to_the_same_table(root, result, tmp_path, monkeypatch):
+    original = runner._run_step
+
+    def stops(step, job):
+        if step.verb == "surface":
+            raise KeyboardInterrupt
+        return original(step, job)
+
+    monkeypatch.setattr(runner, "_run_step", stops)
+    with pytest.raises(KeyboardInterrupt):
+        run_study(meadow(), tmp_path, announce=quiet)
+    monkeypatch.setattr(runner, "_run_step", original)
+    # Two workers in processes of their own, on top of what one had done.
+    again = run_study(meadow(), tmp_path, announce=quiet, workers=2)
+    assert again.table.equals(run_study(meadow(), root, announce=quiet).table)
+
+
+def test_a_cell_that_fails_is_recorded_and_the_rest_goes_on(root, result):
+    failing = run_study(meadow(factors={"thin": [1, 500]}), root, announce=quiet)
+    assert failing.failed["thin"].tolist() == [500]
+    assert "thin less" in failing.failed["error"][0]
+    assert failing.table["thin"].unique().tolist() == [1]
+
+
+def test_a_study_changed_while_it_runs_is_noticed(root, result, monkeypatch):
+    original = runner._Runner.run
+
+    def changed(self, cells):
+        outcome = original(self, cells)
+        (self.folder / "design.json").write_text("{}")
+        return outcome
+
+    monkeypatch.setattr(runner._Runner, "run", changed)
+    with pytest.raises(StudyError, match="changed while"):
+        run_study(meadow(), root, announce=quiet)
