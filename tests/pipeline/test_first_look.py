@@ -1,27 +1,15 @@
 """The embedded example end to end: notebook 01 from photographs to report, and the report in a browser."""
 
-import shutil
-from pathlib import Path
-
-import jupytext
 import pytest
-from nbclient import NotebookClient
 
 from workbench.rasters import read_raster
 from workbench.stages import read_json
 
-NOTEBOOKS = Path(__file__).parents[2] / "notebooks"
 
-
-@pytest.fixture(scope="module")
-def lake(tmp_path_factory):
-    """Products of the embedded example, made by the notebook."""
-    root = tmp_path_factory.mktemp("lake")
-    notebook = jupytext.read(NOTEBOOKS / "01_first_look.ipynb")
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("WORKBENCH_ROOT", str(root))
-        NotebookClient(notebook, timeout=900, kernel_name="python3").execute()
-    return root / "data/products/lake"
+@pytest.fixture
+def lake(lake_root):
+    """Products of the embedded example."""
+    return lake_root / "data/products/lake"
 
 
 @pytest.mark.slow
@@ -48,23 +36,14 @@ def test_products_of_the_contract_are_there(lake):
 
 @pytest.mark.slow
 @pytest.mark.browser
-def test_the_report_needs_no_network_and_shows_every_picture(lake):
-    chromium = shutil.which("chromium") or shutil.which("chromium-browser")
-    if chromium is None:
-        pytest.skip("no Chromium on this machine: install it to test the report in a browser")
-    sync_api = pytest.importorskip("playwright.sync_api")
-    with sync_api.sync_playwright() as playwright:
-        browser = playwright.chromium.launch(
-            executable_path=chromium,
-            args=["--no-sandbox", "--disable-gpu", "--disable-background-networking"],
-        )
-        page = browser.new_page()
-        asked: list[str] = []
-        page.on("request", lambda request: asked.append(request.url))
-        page.goto((lake / "report/report.html").as_uri())
-        widths = page.eval_on_selector_all("img", "images => images.map(image => image.naturalWidth)")
-        headings = page.eval_on_selector_all("h2", "titles => titles.map(title => title.textContent)")
-        browser.close()
+def test_the_report_needs_no_network_and_shows_every_picture(lake, browser):
+    page = browser.new_page()
+    asked: list[str] = []
+    page.on("request", lambda request: asked.append(request.url))
+    page.goto((lake / "report/report.html").as_uri())
+    widths = page.eval_on_selector_all("img", "images => images.map(image => image.naturalWidth)")
+    headings = page.eval_on_selector_all("h2", "titles => titles.map(title => title.textContent)")
+    page.close()
     assert len(widths) >= 10
     assert min(widths) > 100
     assert not [url for url in asked if url.startswith("http")]
