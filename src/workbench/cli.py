@@ -161,6 +161,46 @@ def run(site: SiteOption, root: RootOption = Path(), params: ParamsOption = None
 
 
 @app.command()
+def study(
+    name: Annotated[str, typer.Argument(help="reproducibility, a shipped study, or a file of one.")],
+    site: Annotated[str | None, typer.Option(help="Site whose chain is repeated (reproducibility).")] = None,
+    repeat: Annotated[int | None, typer.Option(help="Repetitions; study.repetitions by default.")] = None,
+    surface: Annotated[
+        list[str] | None,
+        typer.Option(help="Surface of the mosaics, dsm or mesh; repeatable; both by default."),
+    ] = None,
+    quick: Annotated[bool, typer.Option("--quick", help="The small preset of the study.")] = False,
+    workers: Annotated[int, typer.Option(help="Steps at the same time, in processes of their own.")] = 1,
+    root: RootOption = Path(),
+    params: ParamsOption = None,
+) -> None:
+    """Run the chain many times: repetitions of one site, or the cells of a designed study."""
+    parameters = _parameters(root, params)
+    if name == "reproducibility":
+        from workbench.site import load_site
+        from workbench.studies import repeat_chain
+
+        if site is None:
+            raise typer.BadParameter("which site? Give --site NAME.")
+        repeated = repeat_chain(
+            load_site(site, root),
+            parameters,
+            repetitions=repeat,
+            surfaces=tuple(surface or ("dsm", "mesh")),
+            announce=console.print,
+        )
+        typer.echo(f"{repeated.folder}\n{repeated.table.to_string(index=False)}")
+        return
+    from workbench.studies.design import load_study
+    from workbench.studies.runner import run_study
+
+    result = run_study(
+        load_study(name, root, quick=quick), root, parameters, workers=workers, announce=console.print
+    )
+    typer.echo(f"{result.folder}: {len(result.table)} rows, {len(result.failed)} cells failed")
+
+
+@app.command()
 def environment() -> None:
     """Versions, processor and threads of this machine, as environment.md documents them."""
     from workbench.environment import describe_environment
