@@ -106,7 +106,14 @@ def load_study(name: str | Path, root: Path = Path(), *, quick: bool = False) ->
     except ValidationError as error:
         problems = "; ".join(f"{'.'.join(map(str, p['loc']))}: {p['msg']}" for p in error.errors())
         raise StudyError(f"{path}: {problems}.") from error
+    study = study.model_copy(update={"scene": _scene_beside(study.scene, path)})
     return reduced(study) if quick else study
+
+
+def _scene_beside(scene: str | None, path: Path) -> str | None:
+    """A scene in ``scenes/`` beside the study goes before one of the package."""
+    own = path.parent / "scenes" / f"{scene}.yaml"
+    return str(own) if own.is_file() else scene
 
 
 def shipped_studies() -> tuple[str, ...]:

@@ -129,6 +129,7 @@ def plan_flight(
     height: float | None = None,
     direction: float = 90.0,
     strips: int | None = None,
+    run_in: float = 0.0,
     crossing: bool = False,
     speed: float = 50.0,
     highest: float | None = None,
@@ -159,6 +160,9 @@ def plan_flight(
         Of the first strip, degrees clockwise from north.
     strips
         Their number; as many as cover the area by default.
+    run_in
+        Lengths of a frame flown beyond the area at either end: with half a frame every place of a small
+        area is seen by as many photographs as in a large block.
     crossing
         Fly a second set at right angles.
     speed
@@ -194,7 +198,8 @@ def plan_flight(
             f"base is {base:.1f} m: neighbours do not overlap. Keep more rows or raise the forward overlap."
         )
     turns = (0.0, 90.0) if crossing else (0.0,)
-    runs = [_runs(extent, direction + t, base, spacing, kept, strips, camera.name) for t in turns]
+    beyond = run_in * camera.full_frame[1] * gsd
+    runs = [_runs(extent, direction + t, base, spacing, kept, strips, camera.name, beyond) for t in turns]
     exposures = _fly(
         [run for set_of_strips in runs for run in set_of_strips],
         camera,
@@ -288,6 +293,7 @@ def _runs(
     kept: float,
     strips: int | None,
     name: str,
+    beyond: float,
 ) -> list[_Run]:
     west, south, east, north = extent
     if not (west < east and south < north):
@@ -306,7 +312,7 @@ def _runs(
             f"{name}: strips lie {spacing:.1f} m apart, the columns that are kept see {kept:.1f} m: "
             "gaps remain. Keep more columns, raise the side overlap, or fly one strip."
         )
-    releases = math.ceil(length / base) + 3
+    releases = math.ceil((length + 2 * beyond) / base) + 3
     steps = (np.arange(releases) - (releases - 1) / 2) * base
     runs = []
     for index in range(number):

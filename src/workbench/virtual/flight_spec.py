@@ -23,6 +23,9 @@ class FlightSpec(BaseModel):
     side_overlap: float = Field(0.6, description="Of whole frames between strips, 0..1.")
     direction: float = Field(90.0, description="Of the first strip, degrees clockwise from north.")
     strips: int | None = Field(None, ge=1, description="Number of strips; null for as many as are needed.")
+    run_in: float = Field(
+        0.0, ge=0, le=2, description="Frames (along the strip) flown beyond the area at either end."
+    )
     crossing: bool = Field(False, description="Fly a second set of strips at right angles.")
     speed: float = Field(50.0, gt=0, le=300, description="Over ground, m/s.")
     time: datetime = Field(

@@ -151,6 +151,7 @@ def fly_scene(scene: Scene, plan: FlightSpec, settings: SimulateParameters) -> F
         height=plan.height,
         direction=plan.direction,
         strips=plan.strips,
+        run_in=plan.run_in,
         crossing=plan.crossing,
         speed=plan.speed,
         highest=max([float(ground.max()), *roofs, *tops]),
