@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 import time
 from collections.abc import Callable, Mapping
 from typing import Any
@@ -40,17 +41,19 @@ def run_stage(
     With ``where_possible`` a stage whose input the site lacks leaves ``metrics.json`` with the reason
     under ``skipped`` instead of failing, so that one pipeline serves sites with and without a lake.
     """
-    reason = lacking(verb, site) if where_possible else None
+    reason = lacking(verb, site, parameters) if where_possible else None
     if reason is None:
         stage(site, parameters)
         return
     announce(f"{verb} skipped: {reason}")
+    # What an earlier run left would pass for a result of this one.
+    shutil.rmtree(site.products / FOLDERS[verb], ignore_errors=True)
     with open_stage(site.products / FOLDERS[verb], {}) as skipped:
         skipped.metrics["skipped"] = reason
 
 
-def lacking(verb: str, site: Site) -> str | None:
+def lacking(verb: str, site: Site, parameters: Parameters) -> str | None:
     """What a site lacks for a stage, or None."""
-    if verb == "reed" and site.water_level is None:
+    if verb == "reed" and site.water_level is None and parameters.reed.water_level is None:
         return "site.yaml has no water_level, so reed is not measured."
     return None

@@ -116,6 +116,14 @@ def simulate(scene: str, root: RootOption = Path(), params: ParamsOption = None)
     typer.echo(f"{site.folder}: {len(site.photographs)} photographs")
 
 
+@app.command()
+def inputs(site: SiteOption, root: RootOption = Path()) -> None:
+    """List what each stage reads of a site, with digests, for DVC to compare."""
+    from workbench.site import load_site, write_inputs
+
+    typer.echo(write_inputs(load_site(site, root)))
+
+
 def _stage_command(verb: str, module: str, function: str, help_text: str) -> None:
     def command(
         site: SiteOption,
@@ -169,6 +177,9 @@ def study(
         list[str] | None,
         typer.Option(help="Surface of the mosaics, dsm or mesh; repeatable; both by default."),
     ] = None,
+    step: Annotated[
+        str | None, typer.Option(help="One step of reproducibility, as 2/orient or compare: a stage of DVC.")
+    ] = None,
     quick: Annotated[bool, typer.Option("--quick", help="The small preset of the study.")] = False,
     workers: Annotated[int, typer.Option(help="Steps at the same time, in processes of their own.")] = 1,
     root: RootOption = Path(),
@@ -178,16 +189,16 @@ def study(
     parameters = _parameters(root, params)
     if name == "reproducibility":
         from workbench.site import load_site
-        from workbench.studies import repeat_chain
+        from workbench.studies.repetitions import SURFACES, repeat_chain, repeat_step
 
         if site is None:
             raise typer.BadParameter("which site? Give --site NAME.")
+        loaded, surfaces = load_site(site, root), surface or SURFACES
+        if step is not None:
+            repeat_step(loaded, parameters, step, repetitions=repeat, surfaces=surfaces)
+            return
         repeated = repeat_chain(
-            load_site(site, root),
-            parameters,
-            repetitions=repeat,
-            surfaces=tuple(surface or ("dsm", "mesh")),
-            announce=console.print,
+            loaded, parameters, repetitions=repeat, surfaces=surfaces, announce=console.print
         )
         typer.echo(f"{repeated.folder}\n{repeated.table.to_string(index=False)}")
         return

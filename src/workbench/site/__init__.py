@@ -4,6 +4,7 @@ from workbench.site.check import CheckReport, check_site
 from workbench.site.control import read_control, read_gcp_list, read_observations
 from workbench.site.estimate import CostEstimate, estimate_cost
 from workbench.site.files import load_site
+from workbench.site.inputs import write_inputs
 from workbench.site.model import ControlPoint, Observation, Photograph, Problem, Site
 from workbench.site.navigation import NavigationFormat, read_navigation
 from workbench.site.new import new_site
@@ -31,5 +32,6 @@ __all__ = [
     "read_gcp_list",
     "read_navigation",
     "read_observations",
+    "write_inputs",
     "write_overlap",
 ]
