@@ -124,6 +124,15 @@ def test_only_cells_with_reed_are_listed():
     assert density_cells(ohm, shapely.Polygon()).empty
 
 
+def test_extent_in_another_crs_is_moved_and_without_one_refused():
+    ohm = raster(np.full((20, 20), 3.0), resolution=0.5, west=400000.0, north=5300000.0)
+    reed = gpd.GeoDataFrame(geometry=[shapely.box(400002, 5299994, 400004.5, 5299997)], crs=CRS_)
+    moved = density_cells(ohm, reed.segmentize(0.5).to_crs(4326))
+    assert moved.reed_m2.sum() == pytest.approx(7.5)
+    with pytest.raises(ReedError, match="no CRS"):
+        density_cells(ohm, gpd.GeoSeries([reed.geometry[0]]))
+
+
 def test_cells_smaller_than_pixels_are_refused(ohm):
     with pytest.raises(ReedError, match="smaller than the pixels"):
         cell_statistics(ohm, cell_size=0.1)

@@ -122,6 +122,21 @@ def test_a_hole_in_the_surface_is_unknown_and_no_hole_in_the_reed():
     assert closed.kind.tolist() == ["unknown"]
 
 
+def test_a_hole_with_unknown_water_in_it_is_a_hole_and_a_patch_cut_off_by_unknown_ground_no_islet():
+    dsm = surface(here(shapely.box(10, 2, 50, 25).difference(shapely.box(20, 15, 24, 19))))
+    dsm.values[220:240, 210:230] = np.nan  # Two metres in the middle of the hole of four.
+    assert trace_front(map_extent(object_height(dsm, LEVEL), lake(LAKE))).closed.kind.tolist() == ["hole"]
+    dsm = surface(here(shapely.box(10, 2, 50, 25)))
+    values = dsm.values.copy()
+    values[150:160, 100:500] = np.nan  # y 24..25
+    values[150:200, 400:410] = np.nan  # x 40..41, y 20..25
+    values[195:200, 400:500] = np.nan  # y 20..20.5
+    values[150:200, 490:500] = np.nan  # x 49..50
+    closed = trace_front(map_extent(object_height(dsm.copy(data=values), LEVEL), lake(LAKE))).closed
+    assert closed.kind.tolist() == ["unknown"]
+    assert closed.area_m2[0] == pytest.approx(8 * 3.5)
+
+
 def test_front_beside_unknown_ground_is_no_front():
     dsm = surface(here(shapely.box(10, 2, 50, 25)))
     dsm.values[:, 500:] = np.nan  # x > 50: the east side of the reed.
@@ -193,8 +208,20 @@ def test_sinuosity_of_known_lines():
         np.pi / 2, rel=1e-5
     )
     assert np.isnan(sinuosity(shapely.LinearRing([(0, 0), (1, 0), (1, 1)])))
+    assert np.isnan(sinuosity(shapely.Point(5, 5).buffer(2).exterior))
+    assert np.isnan(sinuosity(shapely.LineString()))
+    bent = shapely.MultiLineString([[(0, 0), (3, 0)], [(3, 0), (3, 4)]])
+    assert sinuosity(bent) == pytest.approx(7 / 5)  # Pieces that meet are one line.
+    for same in (
+        gpd.GeoSeries([bent], crs=CRS_),
+        gpd.GeoDataFrame(geometry=[bent]),
+        [(0, 0), (3, 0), (3, 4)],
+    ):
+        assert sinuosity(same) == pytest.approx(7 / 5)
     with pytest.raises(ReedError, match="Polygon"):
         sinuosity(shapely.box(0, 0, 1, 1))
+    with pytest.raises(ReedError, match="coordinates"):
+        sinuosity([1.0, 2.0, 3.0])
 
 
 def test_shoreline_in_another_crs_is_reprojected():
@@ -229,10 +256,7 @@ def test_water_above_everything_is_refused_and_above_the_reed_is_empty():
     assert metrics.cells.empty
 
 
-def test_surface_without_datum_limits_or_level():
-    dsm = surface(here(shapely.box(10, 10, 20, 20)), datum=None)
-    with pytest.raises(RasterError, match="vertical datum"):
-        extent(dsm, LEVEL)
+def test_impossible_limits_and_levels_are_refused():
     dsm = surface(here(shapely.box(10, 10, 20, 20)))
     with pytest.raises(ReedError, match="minimum < maximum"):
         extent(dsm, LEVEL, 3.0, 2.0)
@@ -240,6 +264,30 @@ def test_surface_without_datum_limits_or_level():
         measure_reed(dsm, None)
     with pytest.raises(ReedError, match="nan"):
         extent(dsm, float("nan"))
+
+
+def test_impossible_surfaces_are_refused():
+    dsm = surface(here(shapely.box(10, 10, 20, 20)))
+    with pytest.raises(ReedError, match="one band"):
+        extent(dsm.expand_dims("band"), LEVEL)
+    with pytest.raises(ReedError, match="no height at all"):
+        extent(dsm * np.nan, LEVEL)
+    with pytest.raises(RasterError, match="no CRS"):
+        extent(dsm.drop_vars("spatial_ref"), LEVEL)
+
+
+def test_a_surface_without_datum_is_measured_against_the_level_that_is_stated():
+    """The caller states both; the datum is demanded where files are read."""
+    dsm = surface(here(shapely.box(10, 10, 20, 20)), datum=None)
+    assert extent(dsm, LEVEL).area_m2[0] == pytest.approx(100)
+    assert "vertical_datum" not in object_height(dsm, LEVEL).attrs
+
+
+def test_extent_accepts_polygons_and_numbers_of_any_kind():
+    dsm = surface(here(shapely.box(10, 2, 50, 15)))
+    for shoreline in (here(LAKE), gpd.GeoDataFrame(geometry=[here(LAKE)], crs=CRS_), lake(LAKE)):
+        found = extent(dsm.astype("float64"), np.float32(LEVEL), 0, np.int64(6), shoreline)
+        assert found.area_m2[0] == pytest.approx(400, rel=1e-6)
 
 
 def test_laid_transects_stand_at_right_angles_every_ten_metres():

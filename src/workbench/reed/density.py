@@ -18,7 +18,7 @@ from workbench.params import ReedParameters
 from workbench.rasters import Grid
 
 _DEFAULTS = ReedParameters()
-_BAND = 128  # Rows of cells that are computed at once; the result does not depend on it.
+_BAND = 32  # Rows of cells that are computed at once; the result does not depend on it.
 
 Weights = Literal["area", "centre"]
 Variance = Literal["population", "sample"]
@@ -125,7 +125,7 @@ def density_cells(
     ohm
         Heights above the water (y, x), m.
     extent
-        Of the reed, in the CRS of the raster.
+        Of the reed: a frame in any CRS, or polygons in that of the raster.
     cell_size
         Edge of a cell, m.
     variance, mean_height
@@ -145,7 +145,7 @@ def density_cells(
     Raises
     ------
     ReedError
-        If a cell is smaller than a pixel.
+        If a cell is smaller than a pixel, or the extent is a frame without CRS.
     """
     statistics = cell_statistics(ohm, cell_size=cell_size, weights=weights, variance=divisor)
     area = reed_area(Grid.of(ohm), extent, statistics.grid)
@@ -156,8 +156,13 @@ def reed_area(
     pixels: Grid, extent: gpd.GeoDataFrame | gpd.GeoSeries | BaseGeometry, cells: Grid
 ) -> np.ndarray:
     """Area of reed in every cell (rows, columns), m²."""
-    shapes = [extent] if isinstance(extent, BaseGeometry) else list(extent.geometry)
-    shapes = [shape for shape in shapes if not shape.is_empty]
+    if isinstance(extent, BaseGeometry):
+        shapes = [extent]
+    elif extent.crs is None:
+        raise ReedError("The extent has no CRS: set it, for example with .set_crs().")
+    else:
+        shapes = list(extent.geometry.to_crs(pixels.crs))
+    shapes = [shape for shape in shapes if shape is not None and not shape.is_empty]
     if not shapes:
         return np.zeros(cells.shape)
     mask = rasterio.features.rasterize(

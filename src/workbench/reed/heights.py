@@ -12,9 +12,10 @@ from numpy.typing import ArrayLike
 
 from workbench.errors import ReedError
 from workbench.params import ReedParameters
-from workbench.rasters import Grid, new_raster, require_heights
+from workbench.rasters import VERTICAL_DATUM, Grid, new_raster
 
 _DEFAULTS = ReedParameters()
+_ROWS = 512  # Rows subtracted at once in double precision.
 
 
 def object_height(dsm: xr.DataArray, water_level: float) -> xr.DataArray:
@@ -23,35 +24,45 @@ def object_height(dsm: xr.DataArray, water_level: float) -> xr.DataArray:
     Parameters
     ----------
     dsm
-        Surface heights (y, x), m, with CRS and vertical datum; NaN where unknown.
+        Surface heights (y, x), m, with a CRS; NaN where unknown.
     water_level
-        Of the day of the flight, m in the same datum.
+        Of the day of the flight, m in the vertical datum of the surface.
 
     Returns
     -------
     DataArray
-        Metres above the water, float32, on the grid of the surface.
+        Metres above the water, float32, on the grid of the surface. It states the datum if the surface does.
 
     Raises
     ------
     RasterError
-        If the surface states no CRS or vertical datum.
+        If the surface has no CRS.
     ReedError
-        If the water level is not a number, or lies above the whole surface.
+        If the surface is no single band, the water level is not a number, or it lies above the whole surface.
     """
-    datum = require_heights(dsm)
+    if dsm.ndim != 2:
+        raise ReedError(f"The surface has the dimensions {dsm.dims}: give one band (y, x) of heights.")
+    grid, datum = Grid.of(dsm), dsm.attrs.get(VERTICAL_DATUM)
     if not np.isfinite(water_level):
-        raise ReedError(f"The water level is {water_level}: state it in metres, in {datum}.")
+        raise ReedError(
+            f"The water level is {water_level}: state it in metres, in {datum or 'the datum of the surface'}."
+        )
     values = dsm.values
-    highest = float(np.nanmax(values)) if np.isfinite(values).any() else np.nan
-    if not highest > water_level:
+    heights = np.empty(grid.shape, dtype=np.float32)
+    for top in range(0, grid.height, _ROWS):
+        rows = slice(top, top + _ROWS)
+        heights[rows] = values[rows].astype(np.float64) - float(water_level)
+    heights[np.isinf(heights)] = np.nan
+    if np.isnan(heights).all():
+        raise ReedError("The surface holds no height at all: has it been computed?")
+    if not np.fmax.reduce(heights, axis=None) > 0:
+        highest = np.fmax.reduce(values, axis=None)
         raise ReedError(
             f"The water level {water_level:g} m is above everything in the surface (up to {highest:g} m): "
-            f"is it in {datum}, of the right lake and day?"
+            f"is it in {datum or 'the datum of the surface'}, of the right lake and day?"
         )
-    heights = (values - np.float64(water_level)).astype(np.float32)
     return new_raster(
-        heights, Grid.of(dsm), name="ohm", units="m", long_name="height above water", vertical_datum=datum
+        heights, grid, name="ohm", units="m", long_name="height above water", vertical_datum=datum
     )
 
 

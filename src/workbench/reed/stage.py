@@ -10,7 +10,7 @@ import pandas as pd
 
 from workbench.errors import ReedError
 from workbench.params import Parameters, ReedParameters
-from workbench.rasters import read_raster, write_raster
+from workbench.rasters import read_raster, require_heights, write_raster
 from workbench.reed.accuracy import Agreement, density_agreement, extent_agreement, status_agreement
 from workbench.reed.field import read_field_points, read_plots
 from workbench.reed.heights import agreement_by_area, compare_heights
@@ -77,8 +77,10 @@ def load_model(site: Site, options: ReedParameters | None = None) -> ReedModel:
     if not surface.exists():
         raise ReedError(f"{surface}: missing. Run `workbench surface --site {site.name}` first.")
     transects = site.transects
+    dsm = read_raster(surface)
+    require_heights(dsm)
     return ReedModel(
-        read_raster(surface),
+        dsm,
         level,
         None if site.shoreline is None else read_vector(site.shoreline),
         areas=None if site.areas is None else read_vector(site.areas),
