@@ -17,12 +17,32 @@ def quiet(text):
     pass
 
 
-def meadow(**values):
-    small = {"flight.reduction": 16, "flight.gsd": 0.22, "simulate.truth_resolution": 0.25}
+SCENE = """
+name: patch
+seed: 3
+crs: EPSG:25832
+vertical_datum: DHHN2016
+origin: [660000.0, 5300000.0]
+size: [24.0, 16.0]
+terrain: {base: 60.0, relief: 0.5, longest: 15.0}
+boulders: 6
+flight: {camera: 3K nadir, reduction: 16, gsd: 0.15, forward_overlap: 0.8, strips: 1, run_in: 0.2, wind: 0.0}
+"""
+
+
+@pytest.fixture(scope="module")
+def scene(tmp_path_factory):
+    path = tmp_path_factory.mktemp("scene") / "patch.yaml"
+    path.write_text(SCENE)
+    return path
+
+
+def small_study(scene, **values):
+    small = {"simulate.truth_resolution": 0.25, "simulate.supersampling": 1, "match.downscales": [1]}
     base = {
         "name": "open-land",
         "title": "Counts on open land",
-        "scene": "meadow",
+        "scene": str(scene),
         "orientation": "truth",
         "factors": {"thin": [1, 2]},
         "fixed": small,
@@ -37,8 +57,8 @@ def root(tmp_path_factory):
 
 
 @pytest.fixture(scope="module")
-def result(root):
-    return run_study(meadow(), root, announce=quiet)
+def result(root, scene):
+    return run_study(small_study(scene), root, announce=quiet)
 
 
 def test_leaving_photographs_out_opens_the_angle(result):
@@ -58,7 +78,9 @@ def test_files_say_what_was_done(result):
     assert (result.folder / "environment.json").exists()
 
 
-def test_a_finished_study_computes_nothing_and_an_added_level_only_what_is_new(root, result, monkeypatch):
+def test_a_finished_study_computes_nothing_and_an_added_level_only_what_is_new(
+    root, scene, result, monkeypatch
+):
     before = (result.folder / "table.csv").read_bytes()
     ran = []
     original = runner._run_step
@@ -68,15 +90,15 @@ def test_a_finished_study_computes_nothing_and_an_added_level_only_what_is_new(r
         return original(step, job)
 
     monkeypatch.setattr(runner, "_run_step", counted)
-    run_study(meadow(), root, announce=quiet)
+    run_study(small_study(scene), root, announce=quiet)
     assert ran == []
     assert (result.folder / "table.csv").read_bytes() == before
-    extended = run_study(meadow(factors={"thin": [1, 2, 3]}), root, announce=quiet)
+    extended = run_study(small_study(scene, factors={"thin": [1, 2, 3]}), root, announce=quiet)
     assert ran == ["orient", "match", "surface"]
     assert extended.table["thin"].unique().tolist() == [1, 2, 3]
 
 
-def test_an_interrupted_study_continues_to_the_same_table(root, result, tmp_path, monkeypatch):
+def test_an_interrupted_study_continues_to_the_same_table(root, scene, result, tmp_path, monkeypatch):
     original = runner._run_step
 
     def stops(step, job):
@@ -86,28 +108,28 @@ def test_an_interrupted_study_continues_to_the_same_table(root, result, tmp_path
 
     monkeypatch.setattr(runner, "_run_step", stops)
     with pytest.raises(KeyboardInterrupt):
-        run_study(meadow(), tmp_path, announce=quiet)
+        run_study(small_study(scene), tmp_path, announce=quiet)
     monkeypatch.setattr(runner, "_run_step", original)
     # Two workers in processes of their own, on top of what one had done.
-    again = run_study(meadow(), tmp_path, announce=quiet, workers=2)
-    assert again.table.equals(run_study(meadow(), root, announce=quiet).table)
+    again = run_study(small_study(scene), tmp_path, announce=quiet, workers=2)
+    assert again.table.equals(run_study(small_study(scene), root, announce=quiet).table)
 
 
-def test_a_cell_that_fails_is_recorded_and_the_rest_goes_on(root, result):
-    failing = run_study(meadow(factors={"thin": [1, 500]}), root, announce=quiet)
+def test_a_cell_that_fails_is_recorded_and_the_rest_goes_on(root, scene, result):
+    failing = run_study(small_study(scene, factors={"thin": [1, 500]}), root, announce=quiet)
     assert failing.failed["thin"].tolist() == [500]
     assert "thin less" in failing.failed["error"][0]
     assert failing.table["thin"].unique().tolist() == [1]
 
 
-def test_a_study_changed_while_it_runs_is_noticed(root, result, monkeypatch):
+def test_a_study_changed_while_it_runs_is_noticed(root, scene, result, monkeypatch):
     original = runner._Runner.run
 
-    def changed(self, cells):
-        outcome = original(self, cells)
+    def changed(self, cells, client):
+        outcome = original(self, cells, client)
         (self.folder / "design.json").write_text("{}")
         return outcome
 
     monkeypatch.setattr(runner._Runner, "run", changed)
     with pytest.raises(StudyError, match="changed while"):
-        run_study(meadow(), root, announce=quiet)
+        run_study(small_study(scene), root, announce=quiet)

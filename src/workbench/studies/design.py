@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import io
 import itertools
 from collections.abc import Mapping
@@ -11,7 +12,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic import BaseModel, ConfigDict, Field, PrivateAttr, ValidationError, model_validator
 from ruamel.yaml import YAML
 from ruamel.yaml.error import YAMLError
 
@@ -20,7 +21,9 @@ from workbench.params import Parameters
 from workbench.params.file import parse_parameters
 from workbench.virtual.stage import flight_of
 
-_FLIGHT, _THIN = "flight.", "thin"
+_FLIGHT = "flight."
+_OWN = ("scene", "thin", "strips")
+_Factor = list[Any] | dict[str | float, dict[str, Any]]
 
 
 class Fractional(BaseModel):
@@ -37,10 +40,11 @@ class Quick(BaseModel):
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
-    factors: dict[str, list[Any]] = Field({}, description="Fewer levels of some factors.")
+    factors: dict[str, _Factor] = Field({}, description="Fewer levels of some factors.")
     fixed: dict[str, Any] = Field({}, description="Other fixed values.")
     seeds: list[int] | None = Field(None, description="Fewer seeds.")
     scene: str | None = Field(None, description="A smaller scene.")
+    design: Literal["full"] | Fractional | None = Field(None, description="Another part of the design.")
 
 
 class Study(BaseModel):
@@ -48,7 +52,10 @@ class Study(BaseModel):
 
     Factors and fixed values are named by their path: ``flight.<field>`` for the flight of a virtual scene,
     ``thin`` to use every n-th photograph of each strip (the overlap falls as when the authors left
-    photographs out), or any path of ``params.yaml``.
+    photographs out), ``strips`` to use every n-th strip (so falls the side overlap), ``scene``, or any path
+    of ``params.yaml``. Which of n photographs is the first follows from the seed. A factor whose levels
+    change several values at once has any name, and a mapping from level to values:
+    ``camera: {long: {flight.camera: ..., flight.frame: ...}, short: {...}}``.
     """
 
     model_config = ConfigDict(extra="forbid", frozen=True)
@@ -61,12 +68,14 @@ class Study(BaseModel):
     orientation: Literal["photographs", "truth"] = Field(
         "photographs", description="Structure from motion, or the true poses of a virtual scene."
     )
-    factors: dict[str, list[Any]] = Field(description="Levels of each factor.", min_length=1)
+    factors: dict[str, _Factor] = Field(description="Levels of each factor.", min_length=1)
     fixed: dict[str, Any] = Field({}, description="Values that are the same in all cells.")
     seeds: list[int] = Field([1], description="Repetitions with other disturbances.", min_length=1)
     design: Literal["full"] | Fractional = Field("full", description="All combinations, or a part.")
     responses: list[str] = Field(description="Groups of responses.", min_length=1)
+    maps: bool = Field(False, description="Keep the count layers of the first seed beside the table.")
     quick: Quick = Field(default_factory=Quick, description="Reduced preset.")
+    _source: tuple[tuple[Path, str], ...] = PrivateAttr(())
 
     @model_validator(mode="after")
     def _one_origin(self) -> Study:
@@ -86,7 +95,7 @@ class Cell:
     levels: tuple[tuple[str, Any], ...]
     """Factor and level, in the order of the study."""
     seed: int
-    """Seed of flight, noise and orientation."""
+    """Seed of flight, noise and orientation, and of which photographs are left out."""
 
 
 def load_study(name: str | Path, root: Path = Path(), *, quick: bool = False) -> Study:
@@ -106,14 +115,53 @@ def load_study(name: str | Path, root: Path = Path(), *, quick: bool = False) ->
     except ValidationError as error:
         problems = "; ".join(f"{'.'.join(map(str, p['loc']))}: {p['msg']}" for p in error.errors())
         raise StudyError(f"{path}: {problems}.") from error
-    study = study.model_copy(update={"scene": _scene_beside(study.scene, path)})
-    return reduced(study) if quick else study
+    study = _with_scenes(study, path.parent / "scenes")
+    chosen = reduced(study) if quick else study
+    sources = {path, *(Path(scene) for scene in scenes_of(chosen) if Path(scene).is_file())}
+    chosen._source = tuple((source, content_hash(source)) for source in sorted(sources))
+    return chosen
 
 
-def _scene_beside(scene: str | None, path: Path) -> str | None:
+def changed_sources(study: Study) -> tuple[Path, ...]:
+    """Files of a study (its own and those of its scenes) that are not what they were when it was read."""
+    return tuple(p for p, noted in study._source if not p.is_file() or content_hash(p) != noted)
+
+
+def content_hash(path: Path) -> str:
+    """SHA-256 of a file."""
+    return hashlib.sha256(path.read_bytes()).hexdigest()
+
+
+def scenes_of(study: Study) -> tuple[str, ...]:
+    """All scenes that the cells of a study are flown over."""
+    named = [study.scene, study.fixed.get("scene")]
+    for factor, levels in study.factors.items():
+        if isinstance(levels, dict):
+            named += [values.get("scene") for values in levels.values()]
+        elif factor == "scene":
+            named += levels
+    return tuple(sorted({scene for scene in named if scene is not None}))
+
+
+def _with_scenes(study: Study, folder: Path) -> Study:
     """A scene in ``scenes/`` beside the study goes before one of the package."""
-    own = path.parent / "scenes" / f"{scene}.yaml"
-    return str(own) if own.is_file() else scene
+
+    def own(name: str) -> str:
+        path = folder / f"{name}.yaml"
+        return str(path) if path.is_file() else name
+
+    def resolve(value: Any) -> Any:
+        if isinstance(value, dict):
+            return {
+                k: own(v) if k == "scene" and isinstance(v, str) else resolve(v) for k, v in value.items()
+            }
+        return value
+
+    values = resolve(study.model_dump())
+    for part in (values, values["quick"]):
+        if isinstance(part["factors"].get("scene"), list):
+            part["factors"]["scene"] = [own(name) for name in part["factors"]["scene"]]
+    return Study(**values)
 
 
 def shipped_studies() -> tuple[str, ...]:
@@ -136,12 +184,24 @@ def reduced(study: Study) -> Study:
     return study.model_copy(
         update={
             "name": f"{study.name}-quick",
-            "factors": study.factors | study.quick.factors,
+            "factors": {name: _fewer(study, name) for name in study.factors},
             "fixed": study.fixed | study.quick.fixed,
             "seeds": study.quick.seeds or study.seeds,
             "scene": study.quick.scene or study.scene,
+            "design": study.quick.design or study.design,
         }
     )
+
+
+def _fewer(study: Study, factor: str) -> _Factor:
+    """Levels of a factor in the quick preset; of a mapping its levels may be listed by name alone."""
+    whole, part = study.factors[factor], study.quick.factors.get(factor)
+    if isinstance(whole, dict) and isinstance(part, list):
+        unknown = [level for level in part if level not in whole]
+        if unknown:
+            raise StudyError(f"Study {study.name}: quick names unknown levels {unknown} of {factor}.")
+        return {level: whole[level] for level in part}
+    return whole if part is None else part
 
 
 def cells_of(study: Study) -> tuple[Cell, ...]:
@@ -166,15 +226,30 @@ def cells_of(study: Study) -> tuple[Cell, ...]:
     return cells
 
 
+def settings_of(study: Study, cell: Cell) -> dict[str, Any]:
+    """Path and value of everything that a cell sets; levels go before fixed values."""
+    values = dict(study.fixed)
+    for factor, level in cell.levels:
+        levels = study.factors[factor]
+        values |= levels[level] if isinstance(levels, dict) else {factor: level}
+    return values
+
+
 def flight_overrides(study: Study, cell: Cell) -> dict[str, Any]:
     """Fields of the flight that a cell sets."""
-    values = study.fixed | dict(cell.levels)
+    values = settings_of(study, cell)
     return {path.removeprefix(_FLIGHT): v for path, v in values.items() if path.startswith(_FLIGHT)}
 
 
-def thinning(study: Study, cell: Cell) -> int:
-    """Every how manyth photograph of a strip a cell uses."""
-    return (study.fixed | dict(cell.levels)).get(_THIN, 1)
+def scene_of(study: Study, cell: Cell) -> str | None:
+    """The scene that a cell is flown over; None for a real site."""
+    return settings_of(study, cell).get("scene", study.scene)
+
+
+def thinning(study: Study, cell: Cell) -> tuple[int, int]:
+    """Every how manyth photograph of a strip, and every how manyth strip a cell uses."""
+    values = settings_of(study, cell)
+    return values.get("thin", 1), values.get("strips", 1)
 
 
 def parameters_of(study: Study, cell: Cell, base: Parameters) -> Parameters:
@@ -186,9 +261,9 @@ def parameters_of(study: Study, cell: Cell, base: Parameters) -> Parameters:
         If a path is unknown or a value out of range.
     """
     values = base.model_dump(mode="json")
-    changes = study.fixed | dict(cell.levels) | {"simulate.seed": cell.seed, "orient.seed": cell.seed}
+    changes = settings_of(study, cell) | {"simulate.seed": cell.seed, "orient.seed": cell.seed}
     for path, value in changes.items():
-        if not path.startswith(_FLIGHT) and path != _THIN:
+        if not path.startswith(_FLIGHT) and path not in _OWN:
             _set(values, path, value, study)
     try:
         return parse_parameters(values, f"study {study.name}")
@@ -203,7 +278,8 @@ def _set(values: dict[str, Any], path: str, value: Any, study: Study) -> None:
         node = node.get(parent) if isinstance(node, Mapping) else None
     if not isinstance(node, dict) or key not in node or not parents:
         raise StudyError(
-            f"Study {study.name}: no factor {path!r}. Give flight.<field>, thin, or a path of params.yaml."
+            f"Study {study.name}: no factor {path!r}. Give flight.<field>, {', '.join(_OWN)}, "
+            "or a path of params.yaml."
         )
     node[key] = value
 
@@ -212,17 +288,18 @@ def _problems(study: Study, cell: Cell) -> list[str]:
     problems = []
     try:
         parameters = parameters_of(study, cell, Parameters())
-        if study.scene is not None:
+        scene = scene_of(study, cell)
+        if scene is not None:
             from workbench.virtual.scene import load_scene
 
-            flight_of(load_scene(study.scene).flight, parameters.simulate, flight_overrides(study, cell))
+            flight_of(load_scene(scene).flight, parameters.simulate, flight_overrides(study, cell))
         elif flight_overrides(study, cell):
             problems.append("flight factors need a virtual scene: a real site was flown as it was.")
     except (StudyError, SceneError) as error:
         problems.append(str(error))
-    every = thinning(study, cell)
-    if not isinstance(every, int) or every < 1:
-        problems.append(f"thin is {every!r}: give a whole number from 1.")
+    for name, every in zip(("thin", "strips"), thinning(study, cell), strict=True):
+        if not isinstance(every, int) or every < 1:
+            problems.append(f"{name} is {every!r}: give a whole number from 1.")
     return problems
 
 

@@ -3,24 +3,33 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from pathlib import Path
 
 import numpy as np
+import pandas as pd
+from scipy.spatial import cKDTree
+from scipy.stats import spearmanr
 
-from workbench.assessment import height_errors, match_trees
+from workbench.assessment import height_errors
 from workbench.errors import StudyError
 from workbench.params import Parameters
 from workbench.rasters import Grid, match_grid, read_raster
 from workbench.site import Site
 from workbench.site.tables import read_table
 from workbench.stages import FOLDERS, read_json
+from workbench.studies.tree_responses import crowns, tops
+from workbench.surface.filling import fill_heights
 from workbench.surface.statistics import RATIO_CLASSES, count_statistics
-from workbench.vectors import read_vector
 
 Response = tuple[str, float, str]
 """Name, value, unit."""
 Group = Callable[[Site, Site, Parameters], Iterator[Response]]
 """The products of a cell, the site with its truth, and the parameters of the cell."""
 
+LARGEST_COUNT = 11
+"""The largest count in the tables of the thesis (4.9)."""
+RIGHT_WITHIN = 0.5
+"""A cell is right if it was measured and is no farther than this from the truth, m."""
 TREE_COVERS = ("broadleaf", "conifer", "dead_tree")
 
 
@@ -37,19 +46,19 @@ def counts(run: Site, site: Site, parameters: Parameters) -> Iterator[Response]:
     """Count layer of the area and inside the true tree mask [thesis 3.2.1, tables 4.1-4.12]."""
     folder = run.products / FOLDERS["surface"]
     count, possible = read_raster(folder / "count.tif"), read_raster(folder / "possible_count.tif")
-    trees = tree_mask(site, Grid.of(count))
+    cells = tree_mask(site, Grid.of(count))
+    trees = None if cells is None else count.copy(data=cells)
     if trees is not None:
         # Beyond the scene nothing grows and nothing is known.
         known = _known(site, Grid.of(count))
         possible = possible.copy(data=np.where(known, possible.to_numpy(), 0))
-        trees = count.copy(data=trees)
     statistics = count_statistics(count, possible, trees)
     table = statistics.histogram.set_index(["scope", "statistic", "value"])["percent"]
     for scope in ("area", "mask"):
         if scope not in table.index.get_level_values("scope"):
             continue
-        for value in ("0", "1", "2", "3"):
-            share = table.get((scope, "count", value), 0.0)
+        for value in range(LARGEST_COUNT + 1):
+            share = table.get((scope, "count", str(value)), 0.0)
             yield f"count_{value}_{scope}", float(share), "%"
         for name in RATIO_CLASSES:
             yield f"v_{name}_{scope}", float(table[scope, "ratio", name]), "%"
@@ -68,7 +77,11 @@ def downscales(run: Site, site: Site, parameters: Parameters) -> Iterator[Respon
 
 
 def heights(run: Site, site: Site, parameters: Parameters) -> Iterator[Response]:
-    """Errors of the surface by land cover, against the mean true height of each cell."""
+    """Errors of the surface by land cover, against the mean true height of each cell.
+
+    ``right_trees`` is the share of tree cells that were measured within :data:`RIGHT_WITHIN`: it falls with
+    lost matches and with wrong heights alike.
+    """
     truth = _truth(site, "heights")
     surface = read_raster(run.products / FOLDERS["surface"] / "dsm.tif")
     grid = Grid.of(surface)
@@ -78,36 +91,62 @@ def heights(run: Site, site: Site, parameters: Parameters) -> Iterator[Response]
         yield f"coverage_{row['cover']}", 100 * row["coverage"], "%"
         for name in ("bias_m", "nmad_m", "rmse_m"):
             yield f"{name.removesuffix('_m')}_{row['cover']}", row[name], "m"
+    trees = tree_mask(site, grid)
+    if trees is not None and trees.any():
+        error = np.abs(surface.to_numpy() - true.to_numpy())[trees]
+        measured = error[np.isfinite(error)]
+        yield "right_trees", 100 * float((error <= RIGHT_WITHIN).mean()), "%"
+        yield "p68_trees", float(np.quantile(measured, 0.683)) if measured.size else float("nan"), "m"
 
 
-def tops(run: Site, site: Site, parameters: Parameters) -> Iterator[Response]:
-    """Completeness and correctness of the tops over visible and over all trees [thesis 4.18-4.20]."""
-    truth = _truth(site, "tops")
-    found = read_vector(run.products / FOLDERS["trees"] / "trees.gpkg", layer="tops")
-    trees = read_vector(truth / "trees.gpkg", crs=found.crs)
-    trees = trees[trees["height_m"] >= parameters.trees.min_height]
-    points = trees.set_geometry(
-        trees.set_crs(found.crs, allow_override=True).geometry.from_xy(
-            trees["top_x"], trees["top_y"], crs=found.crs
-        )
-    )
-    area = trees.union_all().buffer(1.0)
-    for name, chosen in (("visible", points[points["visible"]]), ("all", points)):
-        match = match_trees(
-            found,
-            chosen.reset_index(drop=True),
-            parameters.assess.match_distance,
-            method=parameters.assess.match_method,
-            area=area,
-        )
-        for score in ("completeness", "correctness", "f1"):
-            yield f"{score}_{name}", 100 * getattr(match, score), "%"
+def filling(run: Site, site: Site, parameters: Parameters) -> Iterator[Response]:
+    """Holes of the finest downscale: their heights from coarser ones against interpolation [thesis 5.1].
+
+    Both are judged in the same cells: not measured at the finest downscale, measured at a coarser one.
+    Nothing where only one downscale was matched.
+    """
+    folder = run.products / FOLDERS["surface"]
+    provenance = read_raster(folder / "provenance.tif")
+    finest, *coarser = sorted(int(path.stem.removeprefix("dsm_ds")) for path in folder.glob("dsm_ds*.tif"))
+    if not coarser:
+        return
+    grid = Grid.of(provenance)
+    true = match_grid(read_raster(_truth(site, "filling") / "dsm_mean.tif"), grid).to_numpy()
+    cells = np.isin(provenance.to_numpy(), coarser) & np.isfinite(true)
+    whole = slice(0, grid.height), slice(0, grid.width)
+    interpolated, _ = fill_heights(read_raster(folder / f"dsm_ds{finest}.tif")).window(*whole)
+    fused = read_raster(folder / "dsm.tif").to_numpy()
+    yield "filled_cells", float(cells.sum()), "1"
+    for name, values in (("fused", fused), ("interpolated", interpolated)):
+        error = (values - true)[cells]
+        yield f"rmse_{name}", float(np.sqrt(np.mean(error**2))) if error.size else float("nan"), "m"
 
 
 def reed(run: Site, site: Site, parameters: Parameters) -> Iterator[Response]:
-    """Every number that the reed stage reports."""
-    metrics = read_json(run.products / FOLDERS["reed"] / "metrics.json")
-    yield from _numbers(metrics, "")
+    """Every number that the reed stage reports, and its agreement with the depth and fray that are true."""
+    folder = run.products / FOLDERS["reed"]
+    yield from _numbers(read_json(folder / "metrics.json"), "")
+    if (folder / "heights.csv").exists():
+        points = pd.read_csv(folder / "heights.csv").dropna(subset=["field_m", "surface_m", "water_depth_m"])
+        for name in ("field_m", "surface_m"):
+            rho = spearmanr(points["water_depth_m"], points[name]).statistic if len(points) > 2 else np.nan
+            yield f"depth_rank_{name.removesuffix('_m')}", float(rho), "1"
+    if site.plots is not None and site.field_points is not None:
+        yield "depth_rank_stems", _depth_and_stems(site.field_points, site.plots), "1"
+    sections = pd.read_csv(folder / "sections.csv")
+    for aoi, part in sections.groupby("aoi", sort=False):
+        yield f"sinuosity.{aoi}", float(part["sinuosity"].mean()), "1"
+
+
+def _depth_and_stems(field_points: Path, field_plots: Path) -> float:
+    """Rank correlation of water depth and stems per square metre over the plots of the campaign."""
+    points = pd.read_csv(field_points).dropna(subset=["water_depth_m"])
+    plots = pd.read_csv(field_plots)
+    if len(points) < 3 or len(plots) < 3:
+        return float("nan")
+    _, nearest = cKDTree(points[["x", "y"]]).query(plots[["x", "y"]])
+    depth = points["water_depth_m"].to_numpy()[nearest]
+    return float(spearmanr(depth, plots["stems_per_m2"], nan_policy="omit").statistic)
 
 
 GROUPS: dict[str, tuple[Group, tuple[str, ...]]] = {
@@ -115,7 +154,9 @@ GROUPS: dict[str, tuple[Group, tuple[str, ...]]] = {
     "counts": (counts, ("surface",)),
     "downscales": (downscales, ("surface",)),
     "heights": (heights, ("surface",)),
+    "filling": (filling, ("surface",)),
     "tops": (tops, ("mosaic", "trees")),
+    "crowns": (crowns, ("mosaic", "trees")),
     "reed": (reed, ("reed",)),
 }
 """Group of responses -> function, and the last stages that it needs."""
