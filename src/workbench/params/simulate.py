@@ -16,6 +16,12 @@ class SimulateParameters(Section):
         ge=0,
     )
     camera: str | None = parameter(None, "Virtual camera; null takes the scene's.", unit="-", source=_SCENE)
+    frame: tuple[int, int] | None = parameter(
+        None,
+        "Columns and rows kept of the middle; null takes the scene's, or all of another camera.",
+        unit="px",
+        source=_SCENE,
+    )
     gsd: float | None = parameter(
         None,
         "Ground sampling distance, decides the height; null takes the scene's.",
@@ -29,6 +35,17 @@ class SimulateParameters(Section):
     )
     side_overlap: float | None = parameter(
         None, "Between strips; null takes the scene's.", unit="1", source=_SCENE, ge=0, lt=1
+    )
+    strips: int | None = parameter(
+        None, "Strips, centred on the scene; null takes the scene's.", unit="1", source=_SCENE, ge=1, le=200
+    )
+    direction: float | None = parameter(
+        None,
+        "Of the first strip, clockwise from north; null takes the scene's.",
+        unit="degrees",
+        source=_SCENE,
+        ge=-360,
+        le=360,
     )
     wind: float | None = parameter(
         None, "Wind speed; null takes the scene's.", unit="m/s", source=_SCENE, ge=0, le=20

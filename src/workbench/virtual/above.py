@@ -18,7 +18,6 @@ from workbench.virtual.noise import hash2
 from workbench.virtual.particles import (
     CENTRE,
     CLUMPS,
-    FIRST,
     LEAF,
     REACH,
     TH,
@@ -62,15 +61,23 @@ class Direction(NamedTuple):
 
 
 def map_from_above(
-    world, wind, direction: Direction, shape: tuple[int, int], *, threads: int | None = None
+    world,
+    grove,
+    wind,
+    direction: Direction,
+    shape: tuple[int, int],
+    *,
+    owners: bool = True,
+    threads: int | None = None,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Highest object per cell: height (rows, columns) float32, ``LOWEST`` without one, and its owner, int32.
 
-    Ground and water are not objects here. The result does not depend on the number of threads.
+    Ground and water are not objects here. Without ``owners`` those are not kept, for the sake of memory.
+    The result does not depend on the number of threads.
     """
     top = np.full(shape, LOWEST, dtype=np.float32)
-    owner = np.full(shape, NOTHING, dtype=np.int32)
-    boxes = _tree_boxes(world.plants.trees, direction)
+    owner = np.full(shape if owners else (0, 0), NOTHING, dtype=np.int32)
+    boxes = _tree_boxes(grove.table, direction)
     windows = [
         (r, min(r + _TILE, shape[0]), c, min(c + _TILE, shape[1]))
         for r in range(0, shape[0], _TILE)
@@ -81,8 +88,9 @@ def map_from_above(
         r0, r1, c0, c1 = window
         inside = (boxes[:, 0] < c1) & (boxes[:, 1] >= c0) & (boxes[:, 2] < r1) & (boxes[:, 3] >= r0)
         chosen = np.flatnonzero(inside)
-        tile = top[r0:r1, c0:c1], owner[r0:r1, c0:c1]
-        _fill_trees(world.plants, chosen, wind, direction, r0, c0, *tile)
+        high = top[r0:r1, c0:c1]
+        tile = high, owner[r0:r1, c0:c1] if owners else np.empty(high.shape, dtype=np.int32)
+        _fill_trees(grove.plants(chosen), chosen, wind, direction, r0, c0, *tile)
         _fill_reed(world.reed, wind, direction, r0, c0, *tile)
         _fill_solids(world.solids, direction, r0, c0, *tile)
 
@@ -132,9 +140,9 @@ def _fill_trees(plants, chosen, wind, direction, row0, column0, top, owner):
     for index in chosen:
         tree = plants.trees[index]
         sway_x, sway_y = own_sway(wind, np.uint64(index), tree[TH])
-        first = int(tree[FIRST])
-        for c in range(first, first + int(tree[CLUMPS])):
-            clump = plants.clumps[c]
+        base, first = plants.row[index], plants.first[index]
+        for k in range(int(tree[CLUMPS])):
+            clump, c = plants.clumps[base + k], first + k
             lift = min(max(clump[Z] / tree[TH], np.float32(0)), np.float32(1))
             lift = lift * np.float32(np.sqrt(lift))
             x, y, z = tree[TX] + clump[X], tree[TY] + clump[Y], tree[TZ] + clump[Z]

@@ -12,12 +12,14 @@ from shapely.geometry import Polygon
 from workbench.virtual.above import Direction, map_from_above
 from workbench.virtual.composition import SceneSpec
 from workbench.virtual.forest import Stem
+from workbench.virtual.grove import Grove
 from workbench.virtual.solids import empty_solids
 from workbench.virtual.wind import Wind, wind_field
 from workbench.virtual.world import Terrain, World
 
 _VISIBLE_SHARE = 0.25
 _MAP_CELL = 0.25
+_MAP_ROWS = 2048
 
 
 def sink_feet(terrain: Terrain, places: Sequence[tuple[float, float]] | np.ndarray) -> np.ndarray:
@@ -60,32 +62,25 @@ def ground_rasters(
     return floor, height, covered
 
 
-def mark_visible(world: World, number: int) -> np.ndarray:
-    """Whether each tree (number,) shows at least a quarter of its crown from straight above."""
+def mark_visible(world: World, grove: Grove, alone_area: np.ndarray) -> np.ndarray:
+    """Whether each tree (n,) shows at least a quarter of its crown from straight above.
+
+    ``alone_area`` (n,) is what its crown would show if it stood alone, m².
+    """
+    number = len(alone_area)
     if number == 0:
         return np.zeros(0, dtype=bool)
     terrain = world.terrain
     rows, columns = terrain.height.shape
     width, height = (columns - 1) * float(terrain.step), (rows - 1) * float(terrain.step)
-    direction = Direction(float(terrain.west), float(terrain.south) + height, _MAP_CELL, 0.0, 0.0)
+    west, north = float(terrain.west), float(terrain.south) + height
     shape = int(height / _MAP_CELL), int(width / _MAP_CELL)
     still = wind_field(Wind.calm(), 0, (0, 0, 1, 1))
     alone = world._replace(solids=empty_solids())
-    _, owner = map_from_above(alone, still, direction, shape)
-    seen = np.bincount(owner[owner >= 0], minlength=number)[:number] * _MAP_CELL**2
-    leafy = world.plants.trees
-    # What a crown would show if it stood alone, from the mean spread of its clumps.
-    possible = np.array(
-        [_lone_area(world.plants.clumps[int(t[4]) : int(t[4] + t[5])], float(t[6])) for t in leafy]
-    )
-    return seen >= _VISIBLE_SHARE * possible
-
-
-def _lone_area(clumps: np.ndarray, leaf: float) -> float:
-    """Area, m², of a crown's particles seen from above without neighbours, on the cells of the map."""
-    leafy = clumps[clumps[:, 9] > 0] if np.any(clumps[:, 9] > 0) else clumps
-    spread = max(float(np.std(leafy[:, 0])) * float(np.std(leafy[:, 1])), 0.05)
-    # A uniform disc of radius r has a standard deviation of r / 2 along each axis.
-    disc = np.pi * 4 * spread
-    leaf_area = float(np.sum(leafy[:, 9])) * 0.55 * np.pi / 4 * leaf**2
-    return disc * (1 - np.exp(-leaf_area / disc)) if leaf_area > 0 else 0.2 * disc
+    cells = np.zeros(number, dtype=np.int64)
+    for top in range(0, shape[0], _MAP_ROWS):
+        rows = min(_MAP_ROWS, shape[0] - top)
+        direction = Direction(west, north - top * _MAP_CELL, _MAP_CELL, 0.0, 0.0)
+        _, owner = map_from_above(alone, grove, still, direction, (rows, shape[1]))
+        cells += np.bincount(owner[owner >= 0], minlength=number)[:number]
+    return cells * _MAP_CELL**2 >= _VISIBLE_SHARE * alone_area

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from datetime import datetime, timedelta
 
 import numpy as np
-from shapely.geometry import Polygon
+from shapely.geometry import Polygon, box
 
 from workbench.cameras import Camera, Pose, intersection_angle
 from workbench.errors import SceneError
@@ -140,7 +140,8 @@ def plan_flight(
     """Plan and fly an area: exposures with true poses and recorded navigation.
 
     Strips are flown to and fro, centred on the area; one more base is flown at either end. Overlaps
-    and the base follow the whole frame of the camera, also where only its middle is kept.
+    and the base follow the whole frame of the camera, also where only its middle is kept. Of a rig, the
+    photographs that look past the area are left out.
 
     Parameters
     ----------
@@ -212,6 +213,8 @@ def plan_flight(
         errors or NavigationErrors(),
         seed,
     )
+    if len(camera.tilts) > 1:
+        exposures = _that_see(extent, camera.camera, exposures, ground)
     return Flight(
         camera,
         exposures,
@@ -250,6 +253,20 @@ def footprint(camera: Camera, pose: Pose, z: float, steps: int = 8) -> Polygon:
         raise SceneError("The photograph sees the horizon: its footprint has no end.")
     reach = (z - pose.centre[2]) / rays[:, 2]
     return Polygon(pose.centre[:2] + reach[:, None] * rays[:, :2])
+
+
+def _that_see(
+    extent: tuple[float, float, float, float],
+    camera: Camera,
+    exposures: tuple[Exposure, ...],
+    ground: float,
+) -> tuple[Exposure, ...]:
+    """Exposures whose footprint meets the area."""
+    area = box(*extent)
+    seeing = tuple(e for e in exposures if footprint(camera, e.pose, ground).intersects(area))
+    if not seeing:
+        raise SceneError("No camera of the rig sees the area: fly more strips, or with another side overlap.")
+    return seeing
 
 
 @dataclass(frozen=True, eq=False)

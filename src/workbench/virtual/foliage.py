@@ -11,7 +11,6 @@ from workbench.virtual.compiled import inner, kernel
 from workbench.virtual.noise import hash2
 from workbench.virtual.particles import (
     CLUMPS,
-    FIRST,
     LEAF,
     TH,
     TRED,
@@ -52,10 +51,10 @@ def paint_trees(world, wind, light, view, scale, chosen, tile):
     for index in chosen:
         tree = plants.trees[index]
         sway_x, sway_y = own_sway(wind, np.uint64(index), tree[TH])
-        first = int(tree[FIRST])
+        base, first = plants.row[index], plants.first[index]
         wood = _DEAD_WOOD if world.tree_cover[index] == Cover.DEAD_TREE.value else _WOOD
-        for c in range(first, first + int(tree[CLUMPS])):
-            clump = plants.clumps[c]
+        for k in range(int(tree[CLUMPS])):
+            clump, c = plants.clumps[base + k], first + k
             lift = min(max(clump[Z] / tree[TH], np.float32(0)), np.float32(1))
             lift = lift * np.float32(math.sqrt(lift))
             x, y, z = tree[TX] + clump[X], tree[TY] + clump[Y], tree[TZ] + clump[Z]

@@ -10,10 +10,11 @@ from shapely.geometry import Polygon
 
 from workbench.errors import SceneError
 from workbench.virtual.composition import SingleTreesSpec, StandSpec
+from workbench.virtual.grove import Grove, fits
 from workbench.virtual.noise import gaussian_field
-from workbench.virtual.particles import TREE_COLUMNS, Plants, leaf_library
+from workbench.virtual.particles import CENTRE, TRED, TREE_COLUMNS
 from workbench.virtual.trees3d import (
-    CLUMP_COLUMNS,
+    COUNT,
     LEAF_DIAMETER,
     RA,
     RB,
@@ -123,36 +124,63 @@ def plant_singles(spec: SingleTreesSpec, area: Polygon, seed: int, blocked: list
     return stems
 
 
-def grow_trees(stems: list[Stem], feet: np.ndarray, seed: int) -> tuple[Plants, list[TreeForm]]:
-    """Grow all stems on their feet (local heights, m) into the tables that the renderer reads."""
-    forms, tables, first = [], np.zeros((len(stems), TREE_COLUMNS)), 0
+@dataclass(frozen=True, eq=False)
+class Crown:
+    """What is known of a grown tree without its foliage."""
+
+    outline: np.ndarray
+    """(36, 2) crown seen from above, m from the foot."""
+    top: tuple[float, float]
+    """Where the highest clump stands, m from the foot."""
+    alone_area: float
+    """Area that it would show from above if it stood alone, m²."""
+
+
+def grow_trees(stems: list[Stem], feet: np.ndarray, seed: int) -> tuple[Grove, list[Crown]]:
+    """Grow all stems on their feet (local heights, m); foliage is kept while it fits into memory."""
+    table = np.zeros((len(stems), TREE_COLUMNS), dtype=np.float32)
+    crowns: list[Crown] = []
+    grown: list[np.ndarray] | None = []
+    total = 0
     for index, stem in enumerate(stems):
-        rng = np.random.default_rng([seed, 9, index])
-        form = grow_tree(
-            stem.species_group,
-            stem.height,
-            stem.crown,
-            rng,
-            dead=stem.dead,
-            lean=stem.lean,
-            crown_share=stem.crown_share,
-        )
-        forms.append(form)
-        centre, reach = _sphere(form.clumps)
-        tables[index, :7] = (
-            stem.x,
-            stem.y,
-            feet[index],
-            stem.height,
-            first,
-            len(form.clumps),
-            LEAF_DIAMETER[stem.species_group],
-        )
-        tables[index, 7:11] = _leaf_colour(stem, rng)
-        tables[index, 11:] = centre, reach
-        first += len(form.clumps)
-    clumps = np.concatenate([f.clumps for f in forms]) if forms else np.zeros((0, CLUMP_COLUMNS))
-    return Plants(tables.astype(np.float32), clumps.astype(np.float32), leaf_library()), forms
+        form, rng = _grow(stem, seed, index)
+        clumps = form.clumps
+        leaf = LEAF_DIAMETER[stem.species_group]
+        crowns.append(Crown(form.outline, form.top, lone_area(clumps, leaf)))
+        table[index, :TRED] = stem.x, stem.y, feet[index], stem.height, len(clumps), leaf
+        table[index, TRED:CENTRE] = _leaf_colour(stem, rng)
+        table[index, CENTRE:] = _sphere(clumps)
+        total += len(clumps)
+        if grown is not None and fits(total):
+            grown.append(clumps)
+        else:
+            grown = None
+    return Grove(table, lambda index: _grow(stems[index], seed, index)[0].clumps, grown), crowns
+
+
+def _grow(stem: Stem, seed: int, index: int) -> tuple[TreeForm, np.random.Generator]:
+    """One tree, and the generator that grew it."""
+    rng = np.random.default_rng([seed, 9, index])
+    form = grow_tree(
+        stem.species_group,
+        stem.height,
+        stem.crown,
+        rng,
+        dead=stem.dead,
+        lean=stem.lean,
+        crown_share=stem.crown_share,
+    )
+    return form, rng
+
+
+def lone_area(clumps: np.ndarray, leaf: float) -> float:
+    """Area, m², of a crown's particles seen from above without neighbours, from the spread of its clumps."""
+    leafy = clumps[clumps[:, COUNT] > 0] if np.any(clumps[:, COUNT] > 0) else clumps
+    spread = max(float(np.std(leafy[:, X])) * float(np.std(leafy[:, Y])), 0.05)
+    # A uniform disc of radius r has a standard deviation of r / 2 along each axis.
+    disc = np.pi * 4 * spread
+    leaf_area = float(np.sum(leafy[:, COUNT])) * 0.55 * np.pi / 4 * leaf**2
+    return disc * (1 - np.exp(-leaf_area / disc)) if leaf_area > 0 else 0.2 * disc
 
 
 def breast_height_diameter(stem: Stem) -> float:

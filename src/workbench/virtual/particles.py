@@ -31,10 +31,10 @@ from workbench.virtual.trees3d import (
     SPRAY,
 )
 
-# Columns of the table of trees: foot, height, rows of its clumps, leaf diameter, leaf colour, and a
+# Columns of the table of trees: foot, height, number of its clumps, leaf diameter, leaf colour, and a
 # sphere (height of its centre above the foot, radius) that holds the tree in calm air.
-TX, TY, TZ, TH, FIRST, CLUMPS, LEAF, TRED, TGREEN, TBLUE, TNIR, CENTRE, REACH = range(13)
-TREE_COLUMNS = 13
+TX, TY, TZ, TH, CLUMPS, LEAF, TRED, TGREEN, TBLUE, TNIR, CENTRE, REACH = range(12)
+TREE_COLUMNS = 12
 LIBRARY = 4096
 _MEAN_FACING = 0.63
 """Mean width of a leaf of the library, seen from above, over its length; 0.9 for reed blades."""
@@ -58,12 +58,16 @@ class Leaves(NamedTuple):
 
 
 class Plants(NamedTuple):
-    """All trees of a scene."""
+    """All trees of a scene, with the clumps of some or all of them."""
 
     trees: np.ndarray
-    """(n, 13) float32, columns as named at the top of this module."""
+    """(n, 12) float32, columns as named at the top of this module."""
     clumps: np.ndarray
     """(m, 13) float32, columns of :mod:`workbench.virtual.trees3d`, relative to the foot of the tree."""
+    first: np.ndarray
+    """(n,) int64, number of a tree's first clump among the clumps of all trees: the key of its hashes."""
+    row: np.ndarray
+    """(n,) int64, row in ``clumps`` where those of a tree begin; -1 where they are not at hand."""
     leaves: Leaves
     """The library."""
 

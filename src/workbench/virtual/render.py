@@ -20,7 +20,9 @@ from workbench.cameras import Camera, Pose
 from workbench.errors import SceneError
 from workbench.virtual import foliage, surfaces, views
 from workbench.virtual.above import Direction, map_from_above
+from workbench.virtual.grove import Grove
 from workbench.virtual.light import BANDS, Light, light_at
+from workbench.virtual.particles import TH, TZ
 from workbench.virtual.scene import Scene
 from workbench.virtual.shade import LightMap, coarsen
 from workbench.virtual.texture import textures
@@ -98,9 +100,10 @@ def render(
     west, south, east, north = frame.footprint
     around = (west - 60, south - 60, east + 60, north + 60)
     field = wind_field(wind, exposure, around, seconds=_seconds(time))
-    light_map = shadow_map(world, field, light, frame.footprint, frame.pixel, threads=threads)
+    light_map = shadow_map(world, scene.grove, field, light, frame.footprint, frame.pixel, threads=threads)
     tools = _Tools(
         world,
+        scene.grove,
         field,
         light_map,
         ripples(wind, exposure),
@@ -121,6 +124,7 @@ def render(
 
 def shadow_map(
     world: World,
+    grove: Grove,
     field: WindField,
     light: Light,
     footprint: tuple[float, float, float, float],
@@ -132,8 +136,8 @@ def shadow_map(
     shear_x, shear_y = light.sun[0] / light.sun[2], light.sun[1] / light.sun[2]
     low = min(float(world.terrain.height.min()), 0.0)
     high = float(world.terrain.height.max()) + 5.0
-    if len(world.plants.trees):
-        high = max(high, float((world.plants.trees[:, 2] + world.plants.trees[:, 3]).max()))
+    if len(grove.table):
+        high = max(high, float((grove.table[:, TZ] + grove.table[:, TH]).max()))
     reach_x = sorted((low * shear_x, high * shear_x))
     reach_y = sorted((low * shear_y, high * shear_y))
     west, south, east, north = footprint
@@ -148,7 +152,7 @@ def shadow_map(
     shape = int(np.ceil((north - south) / cell)), int(np.ceil((east - west) / cell))
     direction = Direction(float(west), float(north), float(cell), float(shear_x), float(shear_y))
     if max(light.direct) > 0:
-        top, _ = map_from_above(world, field, direction, shape, threads=threads)
+        top, _ = map_from_above(world, grove, field, direction, shape, owners=False, threads=threads)
     else:
         top = np.full((1, 1), -1e9, dtype=np.float32)
     return LightMap(
@@ -219,6 +223,7 @@ class _Tools:
     """What every tile of a photograph shares."""
 
     world: World
+    grove: Grove
     field: WindField
     light: LightMap
     waves: Ripples
@@ -250,7 +255,9 @@ def _render_tile(tools: _Tools, window: tuple[int, int, int, int], results: dict
     surfaces.paint_solids(world, surface, tools.light, view, scale, bodies[near], tile)
     boxes = tools.tree_boxes
     near = (boxes[:, 0] < bottom) & (boxes[:, 1] > top) & (boxes[:, 2] < right) & (boxes[:, 3] > left)
-    foliage.paint_trees(world, tools.field, tools.light, view, scale, np.flatnonzero(near), tile)
+    chosen = np.flatnonzero(near)
+    planted = world._replace(plants=tools.grove.plants(chosen))
+    foliage.paint_trees(planted, tools.field, tools.light, view, scale, chosen, tile)
     foliage.paint_reed(world, tools.field, tools.light, view, scale, _reed_window(world, tile, view), tile)
     cover = np.zeros(shape, dtype=np.uint8)
     surfaces.paint_ground(world, surface, tools.light, tools.waves, view, scale, s, cover, tile)

@@ -24,9 +24,10 @@ from shapely.geometry import LineString, Polygon
 
 from workbench.errors import SceneError
 from workbench.virtual import bodies
-from workbench.virtual.canopy import ground_rasters, sink_feet
+from workbench.virtual.canopy import ground_rasters, mark_visible, sink_feet
 from workbench.virtual.composition import LineSpec, SceneSpec
 from workbench.virtual.forest import Stem, grow_trees, plant_singles, plant_stand
+from workbench.virtual.grove import Grove
 from workbench.virtual.lake import Shore, measure_shore, shape_lake
 from workbench.virtual.particles import REED_CELL, ReedFields
 from workbench.virtual.reed_belt import Reed, describe_reed, empty_reed_fields, reed_fields
@@ -65,7 +66,9 @@ class Scene:
     shoreline: Polygon | None
     """The lake within the scene."""
     world: World
-    """Tables for the renderer, in the local frame."""
+    """Tables for the renderer, in the local frame; without the foliage of the trees."""
+    grove: Grove
+    """The foliage of the trees."""
 
     @property
     def extent(self) -> tuple[float, float, float, float]:
@@ -157,7 +160,7 @@ def build_scene(spec: SceneSpec) -> Scene:
     Raises
     ------
     SceneError
-        If the CRS is not metric, the scene is too large for memory, species are unknown, reed has no
+        If the CRS is not metric, the terrain is too large for memory, species are unknown, reed has no
         lake, or objects lie outside.
     """
     crs = _check(spec)
@@ -180,31 +183,33 @@ def build_scene(spec: SceneSpec) -> Scene:
     blocked = np.minimum(road, path) < 0.3
     stems = _stems(spec, terrain, level, blocked)
     feet = sink_feet(terrain, [(stem.x, stem.y) for stem in stems])
-    plants, forms = grow_trees(stems, feet, spec.seed)
+    grove, crowns = grow_trees(stems, feet, spec.seed)
     solids = bodies.collect_solids(_bodies(spec, terrain, level, blocked, stems))
     targets = np.array(
         [(t.x, t.y, t.edge, t.azimuth, float(t.kind == "letter")) for t in spec.targets], dtype=float
     ).reshape(-1, 5)
     floor, canopy, closure = ground_rasters(terrain, stems, spec)
-    ground = Ground(floor, road.astype(np.float32), path.astype(np.float32), canopy, closure)
+    ground = Ground(floor, road, path, canopy, closure)
     codes = {"broadleaf": Cover.BROADLEAF, "conifer": Cover.CONIFER}
     tree_cover = np.array(
         [Cover.DEAD_TREE if s.dead else codes[s.species_group] for s in stems], dtype=np.uint8
     )
     level_or_none = _NO_LAKE if level is None else float(level)
-    world = World(terrain, ground, plants, tree_cover, fields, solids, targets, level_or_none)
+    world = World(terrain, ground, grove.empty, tree_cover, fields, solids, targets, level_or_none)
+    visible = mark_visible(world, grove, np.array([crown.alone_area for crown in crowns]))
     return Scene(
         spec,
         crs,
         spec.vertical_datum,
         None if spec.lake is None else spec.lake.level,
         origin,
-        tree_table(stems, forms, feet, world, origin, spec.crs),
+        tree_table(stems, crowns, feet, visible, origin, spec.crs),
         describe_reed(fields, aoi, spec.reed, origin, spec.crs),
         building_table(spec, terrain, origin),
         target_table(spec, terrain, origin),
         lake_polygon(terrain, level, spec, origin),
         world,
+        grove,
     )
 
 
@@ -243,10 +248,12 @@ def _axes(spec: SceneSpec) -> tuple[np.ndarray, np.ndarray]:
 
 def _line_distance(lines: tuple[LineSpec, ...], x: np.ndarray, y: np.ndarray) -> np.ndarray:
     """Distance to the edge of the nearest line, negative on it, m."""
-    points = shapely.points(*np.meshgrid(x, y))
-    distance = np.full(points.shape, 1e3)
-    for line in lines:
-        distance = np.minimum(distance, shapely.distance(LineString(line.points), points) - line.width / 2)
+    distance = np.full((len(y), len(x)), 1e3, dtype=np.float32)
+    for i, northing in enumerate(y if lines else ()):
+        points = shapely.points(x, np.full(len(x), northing))
+        for line in lines:
+            found = shapely.distance(LineString(line.points), points) - line.width / 2
+            np.minimum(distance[i], found, out=distance[i], casting="same_kind")
     return distance
 
 

@@ -40,7 +40,7 @@ from workbench.virtual.survey import scan_stems, survey_targets
 from workbench.virtual.truth import scene_truth
 from workbench.virtual.wind import Wind
 
-_OVERRIDES = ("camera", "gsd", "forward_overlap", "side_overlap", "wind")
+_OVERRIDES = ("camera", "frame", "gsd", "forward_overlap", "side_overlap", "strips", "direction", "wind")
 
 
 def simulate_scene(

@@ -8,20 +8,23 @@ import shapely
 from shapely.geometry import Polygon
 from skimage.measure import find_contours
 
-from workbench.virtual.canopy import mark_visible, sink_feet
+from workbench.virtual.canopy import sink_feet
 from workbench.virtual.composition import SceneSpec
-from workbench.virtual.forest import Stem, breast_height_diameter
-from workbench.virtual.trees3d import TreeForm
-from workbench.virtual.world import Terrain, World
+from workbench.virtual.forest import Crown, Stem, breast_height_diameter
+from workbench.virtual.world import Terrain
 
 
 def tree_table(
-    stems: list[Stem], forms: list[TreeForm], feet: np.ndarray, world: World, origin: np.ndarray, crs: str
+    stems: list[Stem],
+    crowns: list[Crown],
+    feet: np.ndarray,
+    visible: np.ndarray,
+    origin: np.ndarray,
+    crs: str,
 ) -> gpd.GeoDataFrame:
     """One row a tree, coordinates in the CRS."""
-    visible = mark_visible(world, len(stems))
     rows = []
-    for index, (stem, form) in enumerate(zip(stems, forms, strict=True)):
+    for index, (stem, crown) in enumerate(zip(stems, crowns, strict=True)):
         x, y, ground = stem.x + origin[0], stem.y + origin[1], float(feet[index]) + origin[2]
         rows.append(
             {
@@ -30,15 +33,15 @@ def tree_table(
                 "x": x,
                 "y": y,
                 "ground_z": ground,
-                "top_x": x + form.top[0],
-                "top_y": y + form.top[1],
+                "top_x": x + crown.top[0],
+                "top_y": y + crown.top[1],
                 "top_z": ground + stem.height,
                 "height_m": stem.height,
                 "dbh_m": breast_height_diameter(stem),
                 "visible": bool(visible[index]),
                 "dead": stem.dead,
                 "understorey": stem.understorey,
-                "geometry": Polygon(form.outline + (x, y)),
+                "geometry": Polygon(crown.outline + (x, y)),
             }
         )
     columns = ["tree_id", "species_group", "x", "y", "ground_z", "top_x", "top_y", "top_z", "height_m"]

@@ -15,6 +15,12 @@ from workbench.virtual.wind import Wind, wind_field
 from workbench.virtual.world import Cover
 
 _PARTS = 3
+_MOST_SAMPLES = 8e6  # Samples of a strip of rows: 50 bytes each while it is worked on.
+_HEIGHTS = {
+    "dsm": "topmost surface",
+    "dsm_mean": "surface seen from above, cell mean",
+    "dtm": "land and lake bed",
+}
 
 
 def scene_truth(scene: Scene, grid: Grid, *, parts: int = _PARTS) -> xr.Dataset:
@@ -47,12 +53,43 @@ def scene_truth(scene: Scene, grid: Grid, *, parts: int = _PARTS) -> xr.Dataset:
         raise RasterError(
             f"Grid in {grid.crs} for scene {scene.spec.name} in {scene.crs}: use the scene's CRS."
         )
-    shape = (grid.height * parts, grid.width * parts)
+    size = max(int(_MOST_SAMPLES / (grid.width * parts * parts)), 1)
+    pieces = [
+        _strip(scene, grid, slice(top, min(top + size, grid.height)), parts)
+        for top in range(0, grid.height, size)
+    ]
+    values = {name: np.concatenate([piece[name] for piece in pieces]) for name in pieces[0]}
+    layers = {}
+    for name, text in _HEIGHTS.items():
+        layers[name] = new_raster(
+            values[name],
+            grid,
+            name=name,
+            units="m",
+            long_name=text,
+            vertical_datum=scene.vertical_datum,
+        )
+    layers["cover"] = new_raster(values["cover"], grid, name="cover", units="1", nodata=0)
+    layers["tree_id"] = new_raster(values["tree_id"], grid, name="tree_id", units="1", nodata=0)
+    density, height = _reed_on(scene, grid)
+    layers["stem_density"] = new_raster(
+        density, grid, name="stem_density", units="1/m2", long_name="reed stems"
+    )
+    layers["stem_height"] = new_raster(
+        height, grid, name="stem_height", units="m", long_name="reed above water"
+    )
+    return xr.Dataset(layers)
+
+
+def _strip(scene: Scene, grid: Grid, rows: slice, parts: int) -> dict[str, np.ndarray]:
+    """Heights, cover and trees of some rows of the grid: a strip needs the memory, not the scene."""
+    count, world = rows.stop - rows.start, scene.world
+    shape = (count * parts, grid.width * parts)
     cell = grid.resolution / parts
-    direction = Direction(grid.west - scene.origin[0], grid.north - scene.origin[1], cell, 0.0, 0.0)
-    world = scene.world
+    north = grid.north - rows.start * grid.resolution - scene.origin[1]
+    direction = Direction(grid.west - scene.origin[0], north, cell, 0.0, 0.0)
     still = wind_field(Wind.calm(), 0, (0, 0, 1, 1))
-    top, owner = map_from_above(world, still, direction, shape)
+    top, owner = map_from_above(world, scene.grove, still, direction, shape)
     x = direction.west + (np.arange(shape[1]) + 0.5) * cell
     y = direction.north - (np.arange(shape[0]) + 0.5) * cell
     ground = scene.ground_z(*(axis.ravel() for axis in np.meshgrid(x + scene.origin[0], y + scene.origin[1])))
@@ -61,40 +98,17 @@ def scene_truth(scene: Scene, grid: Grid, *, parts: int = _PARTS) -> xr.Dataset:
     bare = (owner == NOTHING) | (top < below)
     surface = np.where(bare, below, top)
     codes = cover_below(world, textures(), x, y, cell)
-    codes = np.where(bare, codes, _object_codes(scene, owner))
+    codes = np.where(bare, codes, _object_codes(scene, owner)).astype(np.uint8)
     tree = np.where(bare | (owner < 0), 0, owner + 1)
-    blocks = surface.reshape(grid.height, parts, grid.width, parts)
-    density, height = _reed_on(scene, grid)
+    blocks = surface.reshape(count, parts, grid.width, parts)
     z = scene.origin[2]
-    heights = {
-        "dsm": (blocks.max(axis=(1, 3)) + z, "topmost surface"),
-        "dsm_mean": (blocks.mean(axis=(1, 3)) + z, "surface seen from above, cell mean"),
-        "dtm": (_blocks_mean(ground, grid, parts) + z, "land and lake bed"),
+    return {
+        "dsm": (blocks.max(axis=(1, 3)) + z).astype(np.float32),
+        "dsm_mean": (blocks.mean(axis=(1, 3)) + z).astype(np.float32),
+        "dtm": (ground.reshape(blocks.shape).mean(axis=(1, 3)) + z).astype(np.float32),
+        "cover": _commonest(codes, parts),
+        "tree_id": _of_highest(tree, surface, parts),
     }
-    layers = {
-        name: new_raster(
-            values.astype(np.float32),
-            grid,
-            name=name,
-            units="m",
-            long_name=text,
-            vertical_datum=scene.vertical_datum,
-        )
-        for name, (values, text) in heights.items()
-    }
-    layers["cover"] = new_raster(
-        _commonest(codes.astype(np.uint8), grid, parts), grid, name="cover", units="1", nodata=0
-    )
-    layers["tree_id"] = new_raster(
-        _of_highest(tree, surface, grid, parts), grid, name="tree_id", units="1", nodata=0
-    )
-    layers["stem_density"] = new_raster(
-        density, grid, name="stem_density", units="1/m2", long_name="reed stems"
-    )
-    layers["stem_height"] = new_raster(
-        height, grid, name="stem_height", units="m", long_name="reed above water"
-    )
-    return xr.Dataset(layers)
 
 
 def _object_codes(scene: Scene, owner: np.ndarray) -> np.ndarray:
@@ -110,26 +124,23 @@ def _object_codes(scene: Scene, owner: np.ndarray) -> np.ndarray:
     return codes
 
 
-def _blocks_mean(values: np.ndarray, grid: Grid, parts: int) -> np.ndarray:
-    return values.reshape(grid.height, parts, grid.width, parts).mean(axis=(1, 3))
-
-
-def _commonest(codes: np.ndarray, grid: Grid, parts: int) -> np.ndarray:
+def _commonest(codes: np.ndarray, parts: int) -> np.ndarray:
     """Commonest code per cell, the smallest of equals."""
-    stack = _stacked(codes, grid, parts)
+    stack = _stacked(codes, parts)
     counts = np.stack([(stack == code).sum(axis=2) for code in range(max(Cover) + 1)])
     return counts.argmax(axis=0).astype(np.uint8)
 
 
-def _of_highest(names: np.ndarray, surface: np.ndarray, grid: Grid, parts: int) -> np.ndarray:
-    highest = _stacked(surface, grid, parts).argmax(axis=2)[..., None]
-    return np.take_along_axis(_stacked(names, grid, parts), highest, axis=2)[..., 0].astype(np.int32)
+def _of_highest(names: np.ndarray, surface: np.ndarray, parts: int) -> np.ndarray:
+    highest = _stacked(surface, parts).argmax(axis=2)[..., None]
+    return np.take_along_axis(_stacked(names, parts), highest, axis=2)[..., 0].astype(np.int32)
 
 
-def _stacked(values: np.ndarray, grid: Grid, parts: int) -> np.ndarray:
+def _stacked(values: np.ndarray, parts: int) -> np.ndarray:
     """All samples of a cell along the last axis, (rows, columns, samples)."""
-    blocks = values.reshape(grid.height, parts, grid.width, parts).transpose(0, 2, 1, 3)
-    return blocks.reshape(grid.height, grid.width, parts * parts)
+    rows, columns = (edge // parts for edge in values.shape)
+    blocks = values.reshape(rows, parts, columns, parts).transpose(0, 2, 1, 3)
+    return blocks.reshape(rows, columns, parts * parts)
 
 
 def _reed_on(scene: Scene, grid: Grid) -> tuple[np.ndarray, np.ndarray]:
