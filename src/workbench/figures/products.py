@@ -39,7 +39,11 @@ def matching_section(site: Site) -> Section:
     axes.set_ylabel("pairs")
     axes.legend(fontsize=8)
     caption = "Intersection angles. The angle at the top of a tree is larger, and the overlap there smaller."
-    return Section("Matching", tables=[facts(metrics, labels)], pictures=[Picture.of(drawing, caption)])
+    return Section(
+        "Matching",
+        tables=[facts(metrics, labels, title="Stereo pairs.")],
+        pictures=[Picture.of(drawing, caption)],
+    )
 
 
 def surface_section(site: Site) -> Section:
@@ -85,7 +89,9 @@ def surface_section(site: Site) -> Section:
     pictures.append(
         Picture.of(drawing, "Height above the terrain; under closed canopy the terrain is a guess.")
     )
-    return Section("Surface", tables=[facts(metrics, labels)], pictures=pictures)
+    return Section(
+        "Surface", tables=[facts(metrics, labels, title="Coverage and precision.")], pictures=pictures
+    )
 
 
 def mosaic_section(site: Site) -> Section:
@@ -101,7 +107,7 @@ def mosaic_section(site: Site) -> Section:
     }
     drawing, axes = figure(9, 8)
     draw_orthophoto(axes, read_overview(folder / "ortho.tif", longest=2200))
-    pictures = [Picture.of(drawing, "True orthophoto.")]
+    pictures = [Picture.of(drawing, "True orthophoto.", wide=True)]
     drawing, axes = figure()
     draw_orthophoto(axes, read_overview(folder / "ortho.tif", longest=900))
     read_vector(folder / "seamlines.gpkg").boundary.plot(ax=axes, color="#ffd400", lw=0.8)
@@ -111,12 +117,13 @@ def mosaic_section(site: Site) -> Section:
         1: ("on a measured height", "#7fb8a4"),
         2: ("on an interpolated height", "#ffcf87"),
         3: ("hidden from all", "#d1495b"),
+        4: ("hidden, a speck: shown all the same", "#9467bd"),
     }
     drawing, axes = figure()
     draw_classes(axes, read_overview(folder / "validity.tif"), classes)
     text = "Validity: colours on interpolated heights may be displaced; hidden cells stay empty."
     pictures.append(Picture.of(drawing, text))
-    return Section("Orthomosaic", tables=[facts(metrics, labels)], pictures=pictures)
+    return Section("Orthomosaic", tables=[facts(metrics, labels, title="The orthophoto.")], pictures=pictures)
 
 
 def _ratio_histogram(count: np.ndarray, possible: np.ndarray) -> Picture:

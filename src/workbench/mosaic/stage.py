@@ -10,16 +10,17 @@ import xarray as xr
 from workbench.errors import MosaicError
 from workbench.mosaic.crop import crop_area
 from workbench.mosaic.mesh import mesh_surface
-from workbench.mosaic.orthophoto import HIDDEN, INTERPOLATED, MEASURED, Orthophoto, make_orthophoto
+from workbench.mosaic.orthophoto import Orthophoto, make_orthophoto
+from workbench.mosaic.sources import HIDDEN, INTERPOLATED, UNCOVERED
 from workbench.orientation import Block, read_block
 from workbench.params import Parameters
-from workbench.rasters import Grid, RasterWriter, read_raster, write_raster
+from workbench.rasters import Grid, RasterWriter, read_raster
 from workbench.site import Site
 from workbench.stages import FOLDERS, Stage, open_stage
 from workbench.trees.indices import green_leaf_index, vegetation_index
 from workbench.vectors import write_layers
 
-_TILE = 2048
+_TILE = 1024
 
 
 def mosaic_site(site: Site, parameters: Parameters) -> dict:
@@ -43,9 +44,7 @@ def mosaic_site(site: Site, parameters: Parameters) -> dict:
     with open_stage(site.products / FOLDERS["mosaic"], {"mosaic": parameters.mosaic}) as stage:
         block = read_block(site.products / FOLDERS["orient"], site)
         surface = _surface(site, block, parameters)
-        ortho = make_orthophoto(block, surface, stage.path("ortho.tif"), parameters.mosaic)
-        write_raster(ortho.source, stage.path("source.tif"))
-        write_raster(ortho.validity, stage.path("validity.tif"))
+        ortho = make_orthophoto(block, surface, stage.folder, parameters.mosaic)
         write_layers({"seamlines": ortho.seamlines}, stage.path("seamlines.gpkg"))
         if parameters.mosaic.crop:
             area = crop_area(ortho.seamlines, ratio=parameters.mosaic.crop_ratio)
@@ -89,17 +88,17 @@ def _write_index(ortho: xr.DataArray, path: Path, name: str, index, bands: tuple
 
 
 def _metrics(ortho: Orthophoto) -> dict:
-    flags = np.bincount(ortho.validity.values.ravel(), minlength=4)
-    shown = int(flags[MEASURED] + flags[INTERPOLATED])
-    if not shown:
+    if not ortho.shown:
         raise MosaicError("The mosaic is empty: no photograph sees any cell of the surface.")
-    grid = Grid.of(ortho.source)
+    # Nine decimals: the noise of float coordinates would shift the cells of a run that takes this size.
+    resolution = round(ortho.grid.resolution, 9)
     return {
-        "resolution_m": grid.resolution,
-        "area_m2": shown * grid.resolution**2,
-        "photographs_used": len(np.unique(ortho.source.values[ortho.source.values > 0])),
-        "interpolated_height_share": flags[INTERPOLATED] / shown,
-        "hidden_share": flags[HIDDEN] / (shown + flags[HIDDEN]),
+        "resolution_m": resolution,
+        "area_m2": ortho.shown * resolution**2,
+        "photographs_used": len(ortho.used),
+        "interpolated_height_share": float(ortho.cells[INTERPOLATED]) / ortho.shown,
+        "hidden_share": ortho.share(HIDDEN),
+        "uncovered_share": ortho.share(UNCOVERED),
         "largest_gain": float(np.max(ortho.gains)),
         "smallest_gain": float(np.min(ortho.gains)),
     }

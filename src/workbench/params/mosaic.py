@@ -43,6 +43,14 @@ class MosaicParameters(Section):
         ge=0,
         le=50,
     )
+    hidden_specks: int = parameter(
+        5,
+        "Hidden areas narrower than this are pits of a rough surface: shown all the same, and flagged.",
+        unit="cells of the surface",
+        source="width of the matching windows, below which a surface has no detail of its own",
+        ge=0,
+        le=100,
+    )
     seams: Literal["shortest-path", "best-view"] = parameter(
         "shortest-path",
         "Seamlines through low difference between neighbours, or where the better view changes.",
@@ -70,6 +78,20 @@ class MosaicParameters(Section):
         "Balance brightness between photographs, one gain for each band.",
         unit="-",
         source="thesis 2.3.1.2; switch off where radiometry matters",
+    )
+    blending: Literal["none", "multi-band"] = parameter(
+        "none",
+        "Hide seams by blending bands of detail across them; off where radiometry matters.",
+        unit="-",
+        source="Burt & Adelson 1983; colours then are no longer those of one photograph",
+    )
+    blending_levels: int = parameter(
+        4,
+        "Bands of detail: coarse ones are blended over 2 to the power of this many cells.",
+        unit="1",
+        source="16 cells: wider than misfits of a cell or two, narrower than objects",
+        ge=1,
+        le=7,
     )
     crop: bool = parameter(
         True,

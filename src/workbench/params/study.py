@@ -30,3 +30,9 @@ class StudyParameters(Section):
         gt=0,
         le=1,
     )
+    crop: bool = parameter(
+        True,
+        "Compare only inside the crop masks of the mosaics: their rim is distorted.",
+        unit="-",
+        source="orthomosaic paper 2.5",
+    )
