@@ -122,6 +122,15 @@ def filling(run: Site, site: Site, parameters: Parameters) -> Iterator[Response]
         yield f"rmse_{name}", float(np.sqrt(np.mean(error**2))) if error.size else float("nan"), "m"
 
 
+def tie_points(run: Site, site: Site, parameters: Parameters) -> Iterator[Response]:
+    """Errors of the check points at every threshold of the tie points [orthomosaic paper 2.4]."""
+    table = pd.read_csv(run.products / FOLDERS["orient"] / "optimisation.csv")
+    for row in table.to_dict("records"):
+        for name in ("check_xy", "check_z"):
+            yield f"{name}@{row['threshold_px']:g}", float(row[f"{name}_m"]), "m"
+        yield f"tie_points@{row['threshold_px']:g}", float(row["tie_points"]), "1"
+
+
 def reed(run: Site, site: Site, parameters: Parameters) -> Iterator[Response]:
     """Every number that the reed stage reports, and its agreement with the depth and fray that are true."""
     folder = run.products / FOLDERS["reed"]
@@ -150,6 +159,7 @@ def _depth_and_stems(field_points: Path, field_plots: Path) -> float:
 
 
 GROUPS: dict[str, tuple[Group, tuple[str, ...]]] = {
+    "tie_points": (tie_points, ("orient",)),
     "geometry": (geometry, ("match",)),
     "counts": (counts, ("surface",)),
     "downscales": (downscales, ("surface",)),

@@ -1,0 +1,196 @@
+"""Rules of the findings of the orthomosaic paper."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+
+import numpy as np
+import pandas as pd
+from scipy import ndimage
+
+from workbench.rasters import Grid, match_grid, read_raster
+from workbench.site import load_site
+from workbench.studies.findings import Criterion, Evidence, NotTestable, rule
+from workbench.studies.reproducibility import NOT_COMPARED
+from workbench.studies.responses import cover_names
+
+_SITE = "lake"
+"""Virtual site whose chain is repeated; it has meadow, a wood, reed and water."""
+_GAP_WITHIN = 2.0
+"""Forest nearer than this to open ground or dead trees is at a gap, m."""
+_TREES = ("broadleaf", "conifer", "dead_tree", "forest_floor")
+
+
+@rule(
+    "O01",
+    "the smallest check point error lies at neither the loosest nor the strictest threshold (in more than "
+    "half of the seeds)",
+    "best at 0.4 px in the forest flights, worse at 0.1",
+)
+def o01(e: Evidence) -> Iterator[Criterion]:
+    errors = _by_threshold(e)
+    best = np.nanargmin(errors.to_numpy(), axis=1)
+    interior = (best > 0) & (best < errors.shape[1] - 1)
+    yield Criterion("share of seeds with an interior optimum", interior.astype(float), ">", 0.5)
+
+
+@rule(
+    "O02",
+    "horizontal check point error at the loosest threshold over that at the best: above 10",
+    "from about 3 m to 0.02-0.06 m",
+)
+def o02(e: Evidence) -> Iterator[Criterion]:
+    errors = _by_threshold(e, "check_xy")
+    yield Criterion("error before over after", errors.iloc[:, 0] / errors.min(axis=1), ">", 10.0)
+
+
+@rule(
+    "O03",
+    "vertical over horizontal check point error above 1 and at most 6",
+    "1.6 to 5.3 in the forest flights",
+)
+def o03(e: Evidence) -> Iterator[Criterion]:
+    errors = _repetitions(e)
+    ratio = errors["check_rms_z_m"] / errors["check_rms_xy_m"]
+    yield Criterion("vertical over horizontal", ratio, ">", 1.0)
+    yield Criterion("vertical over horizontal", ratio, "<=", 6.0)
+
+
+@rule(
+    "O04",
+    "standard deviation of the check point error over repetitions below 1 cm horizontally, 3 cm vertically",
+    "at most 0.53 cm and 2.23 cm in the forest flights",
+)
+def o04(e: Evidence) -> Iterator[Criterion]:
+    errors = _repetitions(e)
+    for axis, limit in (("xy", 1.0), ("z", 3.0)):
+        spread = 100 * errors[f"check_rms_{axis}_m"].std(ddof=1)
+        yield Criterion(f"standard deviation {axis}", np.array([spread]), "<", limit, "cm")
+
+
+@rule(
+    "O05",
+    "at least 95 % of meadow reproducible, forest between 60 and 90 %",
+    "99 % of grassland, 75 % of forest",
+)
+def o05(e: Evidence) -> Iterator[Criterion]:
+    forest = _share(e, "dsm", "forest")
+    yield Criterion("meadow", _share(e, "dsm", "meadow"), ">=", 95.0, "%")
+    yield Criterion("forest", forest, ">", 60.0, "%")
+    yield Criterion("forest", forest, "<", 90.0, "%")
+
+
+@rule("O06", "share of forest reproducible higher on the mesh than on the DSM", "74 against 69 %")
+def o06(e: Evidence) -> Iterator[Criterion]:
+    difference = _share(e, "mesh", "forest") - _share(e, "dsm", "forest")
+    yield Criterion("forest, mesh minus DSM", difference, ">", 0.0, "points")
+
+
+@rule(
+    "O07",
+    "non-reproducible masks of the first 5 of at least 10 repetitions and of all: Jaccard index above 0.7",
+    "5 repetitions (10 pairs) against 25 (300 pairs)",
+)
+def o07(e: Evidence) -> Iterator[Criterion]:
+    if len(_repetitions(e)) < 10:
+        raise NotTestable(
+            f"only {len(_repetitions(e))} repetitions of {_SITE} were run; ten cost about half an hour: "
+            f"`workbench study reproducibility --site {_SITE} --repeat 10`"
+        )
+    path = e.root / "data" / "studies" / "reproducibility" / _SITE / "subset_agreement.csv"
+    if not path.exists():
+        raise NotTestable(f"{path.name} is missing: the masks of the first five have not been compared")
+    yield Criterion("Jaccard index", pd.read_csv(path)["jaccard"].to_numpy(), ">", 0.7)
+
+
+@rule(
+    "O08",
+    f"share of forest that is not reproducible within {_GAP_WITHIN:g} m of open ground or dead trees over "
+    "that farther away: above 1.2",
+    "stated in words and maps",
+)
+def o08(e: Evidence) -> Iterator[Criterion]:
+    folder = e.root / "data" / "studies" / "reproducibility" / _SITE
+    if not (folder / "reproducibility_dsm.tif").exists():
+        raise NotTestable(_how_to_repeat())
+    layer = read_raster(folder / "reproducibility_dsm.tif")
+    grid = Grid.of(layer)
+    site = load_site(_SITE, e.root)
+    cover = match_grid(read_raster((site.truth or site.folder) / "cover.tif"), grid, resampling="nearest")
+    code = {name: number for number, name in cover_names(site).items()}
+    living = np.isin(cover.to_numpy(), [code[name] for name in ("broadleaf", "conifer")])
+    distance = ndimage.distance_transform_edt(living, sampling=grid.resolution)
+    compared = living & (layer.to_numpy() != NOT_COMPARED)
+    different = layer.to_numpy() < layer.attrs["pairs"]
+    near = compared & (distance <= _GAP_WITHIN)
+    far = compared & (distance > _GAP_WITHIN)
+    if not near.any() or not far.any() or not different[far].any():
+        raise NotTestable("the forest of the site is too small to tell gaps from its interior")
+    ratio = different[near].mean() / different[far].mean()
+    yield Criterion("share at gaps over share elsewhere", np.array([ratio]), ">", 1.2)
+
+
+@rule(
+    "O09",
+    "mean shift of objects between dates below 0.1 m on open ground and between 0.1 and 0.6 m in the canopy",
+    "0.03 m (at most 0.07) and 0.3 m (at most 0.75)",
+)
+def o09(e: Evidence) -> Iterator[Criterion]:
+    path = e.root / "data" / "studies" / "time-series" / "shifts.csv"
+    if not path.exists():
+        raise NotTestable(
+            "no virtual series with digitised objects was flown: the shifts "
+            "(workbench.studies.object_shifts) need boxes that someone drew on every date"
+        )
+    shifts = pd.read_csv(path).groupby("place")["shift_m"].mean()
+    yield Criterion("open ground", np.array([shifts["open"]]), "<", 0.1, "m")
+    yield Criterion("canopy", np.array([shifts["canopy"]]), ">", 0.1, "m")
+    yield Criterion("canopy", np.array([shifts["canopy"]]), "<", 0.6, "m")
+
+
+@rule(
+    "O10",
+    "share of forest reproducible under an overcast sky above that in low sun",
+    "stated in words",
+)
+def o10(e: Evidence) -> Iterator[Criterion]:
+    overcast = _share(e, "dsm", "forest", "lake-overcast")
+    low_sun = _share(e, "dsm", "forest", "lake-low-sun")
+    yield Criterion("forest, overcast minus low sun", overcast - low_sun, ">", 0.0, "points")
+
+
+def _by_threshold(e: Evidence, what: str = "check") -> pd.DataFrame:
+    """Check point error (m): a row per seed, a column per threshold, loosest first."""
+    names = e.table("tie-points")["response"].unique()
+    thresholds = sorted((float(n.split("@")[1]) for n in names if n.startswith("check_xy@")), reverse=True)
+    if what == "check":
+        both = [(e.values("tie-points", f"check_{axis}@{t:g}") for axis in ("xy", "z")) for t in thresholds]
+        columns = [(xy**2 + z**2) ** 0.5 for xy, z in both]
+    else:
+        columns = [e.values("tie-points", f"{what}@{t:g}") for t in thresholds]
+    return pd.concat(columns, axis=1, keys=thresholds)
+
+
+def _repetitions(e: Evidence, site: str = _SITE) -> pd.DataFrame:
+    path = e.root / "data" / "studies" / "reproducibility" / site / "errors.csv"
+    if not path.exists():
+        raise NotTestable(_how_to_repeat(site))
+    return pd.read_csv(path)
+
+
+def _share(e: Evidence, surface: str, cover: str, site: str = _SITE) -> np.ndarray:
+    """Per cent of a land cover that is reproducible in all pairs."""
+    path = e.root / "data" / "studies" / "reproducibility" / site / "reproducibility.csv"
+    if not path.exists():
+        raise NotTestable(_how_to_repeat(site))
+    table = pd.read_csv(path)
+    row = table[(table["surface"] == surface) & (table["cover"] == cover)]
+    return np.array([100 * float(row["share"].iloc[0]) if len(row) else math.nan])
+
+
+def _how_to_repeat(site: str = _SITE) -> str:
+    return f"the chain of site {site} was not repeated: `workbench study reproducibility --site {site}`"
+
+
+RULES = (o01, o02, o03, o04, o05, o06, o07, o08, o09, o10)
