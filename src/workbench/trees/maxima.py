@@ -14,7 +14,7 @@ MISSING = np.float32(-np.inf)
 
 @numba.njit(cache=True, nogil=True)
 def summits(surface: np.ndarray, lowest: float, rows: tuple, columns: tuple) -> np.ndarray:
-    """Flat places of the cells from ``lowest`` up that none of their eight neighbours exceeds.
+    """Flat places of the cells from ``lowest`` up that none of their four neighbours exceeds.
 
     Parameters
     ----------
@@ -43,10 +43,6 @@ def summits(surface: np.ndarray, lowest: float, rows: tuple, columns: tuple) -> 
             if surface[i, left] > z or surface[i, right] > z:
                 continue
             if surface[up, j] > z or surface[down, j] > z:
-                continue
-            if surface[up, left] > z or surface[up, right] > z:
-                continue
-            if surface[down, left] > z or surface[down, right] > z:
                 continue
             if n == len(found):
                 more = np.empty(2 * n, np.int64)

@@ -151,10 +151,10 @@ def search_tops(
     _check(surface, grid, mask, terrain, provenance, min_height, spacing)
     if window is not None and radius is not None:
         raise TreesError("Give the search disc as radius or as window, not both.")
-    disc = as_window(window if window is not None else radius)
     work = WorkingGrid.of(grid, working_resolution)
+    disc = as_window(window if window is not None else radius, work.resolution)
     cut = CutSurface(surface, mask, terrain, min_height, work)
-    largest = disc.largest(cut.highest())
+    largest = disc.largest(cut.highest(tile_size))
     _check_disc(largest, grid, work)
     found = _maxima(cut, disc, largest, tile_size)
     multiple, kept = _thin(found, work, spacing)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Protocol
@@ -159,8 +160,11 @@ class StandWindow:
         return max(window.largest(height) for window in (*self.windows.values(), self.otherwise))
 
 
-def as_window(radius: float | Callable | Window | None) -> Window:
+def as_window(radius: float | Callable | Window | None, cell: float = 0.0) -> Window:
     """Window of what a user may give: metres, a function of height, a window, or nothing (growing).
+
+    The window that nobody asked for looks at least at the eight neighbours, whatever the ``cell``
+    (metres); one that was asked for is taken as it is.
 
     Raises
     ------
@@ -168,7 +172,8 @@ def as_window(radius: float | Callable | Window | None) -> Window:
         If it is none of these.
     """
     if radius is None:
-        return GrowingWindow() if _DEFAULTS.radius is None else ConstantWindow(_DEFAULTS.radius)
+        smallest = max(_DEFAULTS.window_smallest, math.sqrt(2.0) * cell)
+        return GrowingWindow(smallest=smallest, limit=max(_DEFAULTS.window_largest, smallest))
     if isinstance(radius, int | float | np.integer | np.floating):
         return ConstantWindow(float(radius))
     if hasattr(radius, "radii") and hasattr(radius, "largest"):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import dask
 import numba
 import numpy as np
 import xarray as xr
@@ -123,11 +124,15 @@ class CutSurface:
         factor = self.grid.factor
         return Part(_average(cut, factor), _average(height, factor), cut, height)
 
-    def highest(self) -> float:
-        """Largest height above ground, metres; 0 where there is none."""
-        above = self.surface if self.terrain is None else self.surface - self.terrain
-        highest = float(above.max(skipna=True))
-        return highest if np.isfinite(highest) else 0.0
+    def highest(self, tile_size: int) -> float:
+        """Largest height above ground of what was cut out, metres; 0 where nothing was."""
+        size = max(tile_size // self.grid.factor, 1)
+        parts = dask.compute(*[dask.delayed(self._highest_in)(tile) for tile in self.grid.tiles(size, 0)])
+        return max((float(part) for part in parts), default=0.0)
+
+    def _highest_in(self, tile: Tile) -> float:
+        height = self.load(tile.core).height
+        return max(float(height.max()), 0.0)
 
 
 @numba.njit(cache=True, nogil=True)
