@@ -20,16 +20,17 @@ _POINTS = "points"
 
 @rule("T01", "the formula gives every published angle within 0.1 degree", "Tables of angles, 10 rows")
 def t01(e: Evidence) -> Iterator[Criterion]:
-    cameras = e.published("cameras").set_index("camera")
+    cameras = {row["camera"]: row for row in e.published("cameras").to_dict("records")}
     worst = []
-    for row in e.published("intersection_angles").itertuples():
-        name = str(row.camera)
-        macs = name.startswith("MACS")
-        camera = cameras.loc["MACS Hale" if macs else name]
+    for row in e.published("intersection_angles").to_dict("records"):
+        camera = cameras["MACS Hale" if row["camera"].startswith("MACS") else row["camera"]]
         angle = intersection_angle(
-            row.forward_overlap_pct / 100, camera.pixels_along, camera.pixel_um * 1e-3, camera.focal_mm
+            row["forward_overlap_pct"] / 100,
+            camera["pixels_along"],
+            camera["pixel_um"] * 1e-3,
+            camera["focal_mm"],
         )
-        worst.append(abs(angle - row.angle_deg))
+        worst.append(abs(angle - row["angle_deg"]))
     yield Criterion("largest difference", np.array([max(worst)]), "<", 0.1, "degree")
 
 
