@@ -170,7 +170,10 @@ def run(site: SiteOption, root: RootOption = Path(), params: ParamsOption = None
 
 @app.command()
 def study(
-    name: Annotated[str, typer.Argument(help="reproducibility, a shipped study, or a file of one.")],
+    name: Annotated[
+        str,
+        typer.Argument(help="A shipped study, a file of one, all, list, findings, or reproducibility."),
+    ],
     site: Annotated[str | None, typer.Option(help="Site whose chain is repeated (reproducibility).")] = None,
     repeat: Annotated[int | None, typer.Option(help="Repetitions; study.repetitions by default.")] = None,
     surface: Annotated[
@@ -182,10 +185,22 @@ def study(
     ] = None,
     quick: Annotated[bool, typer.Option("--quick", help="The small preset of the study.")] = False,
     workers: Annotated[int, typer.Option(help="Steps at the same time, in processes of their own.")] = 1,
+    memory: Annotated[float, typer.Option(help="Memory of all workers together, GB.")] = 16.0,
+    estimate: Annotated[bool, typer.Option("--estimate", help="Only say what it would cost.")] = False,
     root: RootOption = Path(),
     params: ParamsOption = None,
 ) -> None:
     """Run the chain many times: repetitions of one site, or the cells of a designed study."""
+    if name == "list":
+        from workbench.studies.design import list_studies
+
+        typer.echo(list_studies().to_string(index=False))
+        return
+    if name == "findings":
+        from workbench.studies.findings import write_findings
+
+        typer.echo(str(write_findings(root)))
+        return
     parameters = _parameters(root, params)
     if name == "reproducibility":
         from workbench.site import load_site
@@ -202,13 +217,17 @@ def study(
         )
         typer.echo(f"{repeated.folder}\n{repeated.table.to_string(index=False)}")
         return
-    from workbench.studies.design import load_study
-    from workbench.studies.runner import run_study
+    from workbench.studies.design import load_studies
+    from workbench.studies.runner import estimate_study, run_study
 
-    result = run_study(
-        load_study(name, root, quick=quick), root, parameters, workers=workers, announce=console.print
-    )
-    typer.echo(f"{result.folder}: {len(result.table)} rows, {len(result.failed)} cells failed")
+    for chosen in load_studies(name, root, quick=quick):
+        if estimate:
+            typer.echo(f"{chosen.name}\n{estimate_study(chosen, root, parameters).to_string(index=False)}")
+            continue
+        result = run_study(
+            chosen, root, parameters, workers=workers, memory_gb=memory, announce=console.print
+        )
+        typer.echo(f"{result.folder}: {len(result.table)} rows, {len(result.failed)} cells failed")
 
 
 @app.command()

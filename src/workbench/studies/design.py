@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
+import pandas as pd
 from pydantic import BaseModel, ConfigDict, Field, PrivateAttr, ValidationError, model_validator
 from ruamel.yaml import YAML
 from ruamel.yaml.error import YAMLError
@@ -141,6 +142,27 @@ def scenes_of(study: Study) -> tuple[str, ...]:
         elif factor == "scene":
             named += levels
     return tuple(sorted({scene for scene in named if scene is not None}))
+
+
+def load_studies(name: str, root: Path = Path(), *, quick: bool = False) -> tuple[Study, ...]:
+    """One study, or every shipped one for the name ``all``.
+
+    Raises
+    ------
+    StudyError
+        As :func:`load_study`.
+    """
+    names = shipped_studies() if name == "all" else (name,)
+    return tuple(load_study(each, root, quick=quick) for each in names)
+
+
+def list_studies() -> pd.DataFrame:
+    """The shipped studies: name, title, cells of the full design and of the quick preset."""
+    rows = []
+    for name in shipped_studies():
+        study = load_study(name)
+        rows.append((name, study.title, len(cells_of(study)), len(cells_of(reduced(study)))))
+    return pd.DataFrame(rows, columns=["study", "title", "cells", "quick_cells"])
 
 
 def _with_scenes(study: Study, folder: Path) -> Study:
