@@ -12,7 +12,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
-from typing import Any
+from typing import Any, Literal
 
 import dask
 import numpy as np
@@ -558,6 +558,55 @@ class RasterWriter:
             num_threads="2",
         )
         packed.replace(self.path)
+
+
+class ScratchArrays:
+    """Arrays of one shape on disk, written and read by window, for steps that must see a whole area.
+
+    They live in a hidden folder beside the products and vanish at the end. Windows that were never
+    written are zero.
+
+    Examples
+    --------
+    >>> with ScratchArrays(folder, grid.shape, {"height": "float32"}) as scratch:
+    ...     scratch.write("height", compute(tile), tile.core)
+    """
+
+    def __init__(self, folder: Path, shape: tuple[int, int], kinds: Mapping[str, str]) -> None:
+        self.shape = shape
+        self._kinds = dict(kinds)
+        try:
+            self._folder = tempfile.TemporaryDirectory(prefix=".scratch.", dir=folder)
+            for name, kind in self._kinds.items():
+                with self._path(name).open("wb") as file:
+                    file.truncate(max(shape[0] * shape[1] * np.dtype(kind).itemsize, 1))
+        except OSError as error:
+            raise RasterError(
+                f"{folder}: cannot be written ({error}). Free some space or choose another root."
+            ) from error
+
+    def write(self, name: str, values: np.ndarray, window: tuple[slice, slice]) -> None:
+        """Write values (rows, columns) of an array into a window of rows and columns."""
+        mapped = self._map(name, "r+")
+        mapped[window] = values
+        mapped.flush()
+
+    def read(self, name: str, window: tuple[slice, slice]) -> np.ndarray:
+        """Copy of a window of rows and columns of an array."""
+        return np.array(self._map(name, "r")[window])
+
+    def __enter__(self) -> ScratchArrays:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._folder.cleanup()
+
+    def _path(self, name: str) -> Path:
+        return Path(self._folder.name) / name
+
+    def _map(self, name: str, mode: Literal["r", "r+"]) -> np.memmap:
+        # Mapped anew each time: the pages of a map that stays open count as memory of the process.
+        return np.memmap(self._path(name), dtype=self._kinds[name], mode=mode, shape=self.shape)
 
 
 def _name(raster: xr.DataArray) -> str:

@@ -2,14 +2,15 @@
 
 import numpy as np
 import pytest
+from rasterio.warp import transform
 
 from workbench.errors import RasterError, SurfaceError
 from workbench.rasters import Grid, new_raster
 from workbench.surface import fuse_downscales, fuse_pairs
 from workbench.surface.filling import fill_heights
-from workbench.surface.levels import patches, remove_specks
 from workbench.surface.refine import refine
-from workbench.surface.terrain import ground_filter, height_above, user_terrain
+from workbench.surface.specks import patches, remove_specks
+from workbench.surface.terrain import UserTerrain, ground_filter, height_above, user_terrain
 
 NAN = np.nan
 
@@ -175,3 +176,33 @@ def test_an_empty_surface_has_no_ground(hillside):
     empty = dsm.copy(data=np.full(dsm.shape, NAN, np.float32))
     with pytest.raises(SurfaceError, match="too few"):
         ground_filter(empty)
+
+
+@pytest.mark.parametrize("tile_size", [7, 16, 64])
+def test_specks_do_not_depend_on_the_tiles(tile_size):
+    random = np.random.default_rng(2)
+    height = np.where(random.random((60, 70)) < 0.62, random.integers(0, 2, (60, 70)) * 0.3, NAN)
+    height = height.astype(np.float32)
+    height[20:24, :] = 5.0  # a snake through all tiles
+    whole, tiled = height.copy(), height.copy()
+    remove_specks(whole, 30, 0.5)
+    remove_specks(tiled, 30, 0.5, tile_size=tile_size)
+    assert 0 < np.isnan(whole).sum() - np.isnan(height).sum() < height.size / 2
+    np.testing.assert_array_equal(tiled, whole)
+
+
+def test_a_terrain_in_another_crs_and_cell_is_interpolated_exactly():
+    grid = Grid.from_bounds("EPSG:25832", (500_000, 5_300_000, 500_040, 5_300_030), 0.5)
+    dsm = new_raster(np.zeros(grid.shape, np.float32), grid, name="dsm", units="m", vertical_datum="test")
+    cells = np.meshgrid(grid.x, grid.y)
+    moved = np.array(transform(grid.crs, "EPSG:25833", *(axis.ravel() for axis in cells)))
+    west, south, east, north = moved[0].min(), moved[1].min(), moved[0].max(), moved[1].max()
+    there = Grid.from_bounds("EPSG:25833", (west - 5, south - 5, east + 5, north + 5), 2.0)
+    x, y = np.meshgrid(there.x, there.y)
+    plane = (0.8 * (x - west) - 0.3 * (y - south)).astype(np.float32)
+    dtm = new_raster(plane, there, name="dtm", units="m", vertical_datum="test")
+    truth = (0.8 * (moved[0] - west) - 0.3 * (moved[1] - south)).reshape(grid.shape)
+    np.testing.assert_allclose(user_terrain(dtm, dsm), truth, atol=1e-3)
+    terrain = UserTerrain(dtm, dsm)
+    for tile in grid.tiles(17):
+        np.testing.assert_array_equal(terrain.window(*tile.core), user_terrain(dtm, dsm).values[tile.core])

@@ -7,16 +7,17 @@ import math
 import cv2
 import numba
 import numpy as np
-import xarray as xr
 
+from workbench.matching.levels import common_extent
 from workbench.matching.rectify import Rectification
 from workbench.rasters import Grid
+from workbench.surface.filling import FilledHeights
 
 _STEP = 8  # A guide needs no more detail than the coarser level had.
 
 
 def guide_disparity(
-    rectification: Rectification, surface: xr.DataArray, top: float, bottom: float
+    rectification: Rectification, surface: FilledHeights, top: float, bottom: float
 ) -> np.ndarray:
     """Expected disparity of every left pixel, from the first hit of its ray with a surface.
 
@@ -25,7 +26,7 @@ def guide_disparity(
     rectification
         The pair.
     surface
-        Coarser surface without holes (rows, columns), metres.
+        Coarser surface; only the part that the pair can see is read.
     top, bottom
         Heights between which rays are followed, metres.
 
@@ -37,10 +38,14 @@ def guide_disparity(
     rows, columns = rectification.shape
     u = np.arange(0, columns + _STEP, _STEP) + 0.5
     v = np.arange(0, rows + _STEP, _STEP) + 0.5
-    grid = Grid.of(surface)
+    window = _seen_window(rectification, surface.grid, (bottom, top))
+    if window is None:
+        return np.full((rows, columns), np.nan, np.float32)
+    heights, _ = surface.window(*window)
+    grid = surface.grid.window(*window)
     origin = rectification.centre - (grid.west, grid.north, 0.0)
     coarse = _first_hits(
-        np.ascontiguousarray(surface.values, dtype=np.float32),
+        np.ascontiguousarray(heights, dtype=np.float32),
         grid.resolution,
         origin,
         np.ascontiguousarray(rectification.rotation),
@@ -57,6 +62,20 @@ def guide_disparity(
     half = _STEP // 2
     shifted = np.pad(whole, ((half, 0), (half, 0)), mode="edge")[:rows, :columns]
     return np.ascontiguousarray(shifted)
+
+
+def _seen_window(
+    rectification: Rectification, grid: Grid, heights: tuple[float, float]
+) -> tuple[slice, slice] | None:
+    """Rows and columns of a grid that a pair can see between two heights."""
+    bounds = np.array([common_extent([rectification], height) for height in heights])
+    west, south = bounds[:, :2].min(axis=0)
+    east, north = bounds[:, 2:].max(axis=0)
+    first, last = (int((x - grid.west) / grid.resolution) for x in (west, east))
+    top, bottom = (int((grid.north - y) / grid.resolution) for y in (north, south))
+    rows = slice(max(top - 1, 0), min(bottom + 2, grid.height))
+    columns = slice(max(first - 1, 0), min(last + 2, grid.width))
+    return (rows, columns) if rows.start < rows.stop and columns.start < columns.stop else None
 
 
 @numba.njit(cache=True, nogil=True)

@@ -47,10 +47,10 @@ class Rectification:
         rays = np.concatenate([plane, np.ones((*plane.shape[:-1], 1))], axis=-1)
         return self.centre + (rays * depth[..., None]) @ self.rotation
 
-    def height_precision(self, height: float, disparity_sd: float = 0.3) -> float:
-        """Standard deviation of a height, metres, at a world height: ``Z^2 / (focal base) * sd``."""
-        depth = max(float(self.centre[2]) - height, 1e-6)
-        return depth**2 / (self.focal * self.base) * disparity_sd
+    def height_precision(self, height: np.ndarray, disparity_sd: float = 0.3) -> np.ndarray:
+        """Standard deviation of heights, metres, at world heights: ``Z^2 / (focal base) * sd``."""
+        depth = np.maximum(self.centre[2] - height, 1e-6)
+        return np.asarray(depth**2 / (self.focal * self.base) * disparity_sd, dtype=np.float32)
 
 
 def rectify_pair(

@@ -6,14 +6,16 @@ import hashlib
 import json
 import shutil
 from collections.abc import Callable, Sequence
-from functools import lru_cache, partial
+from contextlib import ExitStack
+from dataclasses import dataclass
+from functools import lru_cache
 from pathlib import Path
 
 import cv2
 import numpy as np
-import xarray as xr
 from rich.progress import track
 
+from workbench.errors import MatchingError
 from workbench.matching.engine import match_pair
 from workbench.matching.guide import guide_disparity
 from workbench.matching.levels import (
@@ -24,19 +26,32 @@ from workbench.matching.levels import (
 )
 from workbench.matching.pairs import StereoPair, intersection_angle_at, select_pairs
 from workbench.matching.rectify import rectify_pair, resample
-from workbench.matching.store import MatchedPair, load_pair, pack, save_pair
+from workbench.matching.store import MatchedPair, load_pair, pack, save_pair, stored_pair
 from workbench.orientation import Block, read_block
 from workbench.params import MatchParameters, Parameters
 from workbench.photographs import read_photograph
-from workbench.rasters import Grid, new_raster
+from workbench.rasters import Grid, RasterWriter, read_raster
 from workbench.site import Site
 from workbench.stages import FOLDERS, open_stage
-from workbench.surface.filling import fill_heights
-from workbench.surface.fusion import fuse_downscales
-from workbench.surface.levels import grid_level
+from workbench.surface.filling import FilledHeights, fill_heights
+from workbench.surface.levels import fuse_levels, grid_level, level_grid
 
 _CACHED_PHOTOGRAPHS = 8
 _ROOM = 0.1
+_STEP = 0.5  # Coarser heights are refined smoothly between neighbours that differ by no more, metres.
+_CHUNK = 1024
+
+
+@dataclass(frozen=True, eq=False)
+class Guide:
+    """What the coarser levels found."""
+
+    surface: FilledHeights
+    """Their surface."""
+    lowest: float
+    """Lowest measured height, metres."""
+    highest: float
+    """Highest measured height, metres."""
 
 
 def match_site(site: Site, parameters: Parameters) -> dict:
@@ -64,14 +79,14 @@ def match_site(site: Site, parameters: Parameters) -> dict:
         downscales = tuple(sorted(options.downscales or choose_downscales(resolution)))
         work = stage.path("work") / _key(orientation, options)
         files: dict[int, list[Path]] = {}
-        guide: xr.DataArray | None = None
+        guide: Guide | None = None
         shares = {}
         for downscale in reversed(downscales):
             files[downscale], shares[downscale] = _match_level(
                 pairs, downscale, search_heights(block, options), guide, options, work
             )
             if downscale != downscales[0]:
-                guide = _surface(files, block, pairs, resolution, search_heights(block, options))
+                guide = _surface(files, block, resolution, search_heights(block, options), work)
         entries = [(f"ds{d}/{path.name}", path) for d in downscales for path in files[d]]
         pack(entries, stage.path("pairs.zip"))
         shutil.rmtree(stage.path("work"))
@@ -101,7 +116,7 @@ def _match_level(
     pairs: Sequence[StereoPair],
     downscale: int,
     heights: tuple[float, float],
-    guide: xr.DataArray | None,
+    guide: Guide | None,
     options: MatchParameters,
     work: Path,
 ) -> tuple[list[Path], float]:
@@ -124,7 +139,7 @@ def _match(
     pair: StereoPair,
     downscale: int,
     heights: tuple[float, float],
-    guide: xr.DataArray | None,
+    guide: Guide | None,
     options: MatchParameters,
     grey: Callable[[Path], np.ndarray],
 ) -> MatchedPair:
@@ -132,8 +147,8 @@ def _match(
         # What the coarser levels found bounds the range, with room for what they missed.
         margin = _ROOM * (heights[1] - heights[0])
         heights = (
-            max(heights[0], float(guide.min()) - margin),
-            min(heights[1], float(guide.max()) + margin),
+            max(heights[0], guide.lowest - margin),
+            min(heights[1], guide.highest + margin),
         )
     rectification, swapped = rectify_pair(pair, heights, downscale=downscale)
     left, right = (pair.right, pair.left) if swapped else (pair.left, pair.right)
@@ -143,7 +158,7 @@ def _match(
     ]
     expected = None
     if guide is not None:
-        expected = guide_disparity(rectification, guide, heights[1], heights[0])
+        expected = guide_disparity(rectification, guide.surface, heights[1], heights[0])
         if not np.isfinite(expected).any():
             expected = None
     result = match_pair(
@@ -164,25 +179,37 @@ def _match(
 def _surface(
     files: dict[int, list[Path]],
     block: Block,
-    pairs: Sequence[StereoPair],
     resolution: float,
     heights: tuple[float, float],
-) -> xr.DataArray:
-    """What the levels matched so far say together, without holes: the guide of the next level."""
+    work: Path,
+) -> Guide:
+    """What the levels matched so far say together: the guide of the next level."""
     finest = min(files)
-    rectifications = [load_pair(path).rectification for path in files[finest]]
-    extent = common_extent(rectifications, ground_height(block))
-    grid = Grid.from_bounds(block.crs, extent, resolution * finest * 1.25)
-    levels = []
-    for downscale in sorted(files):
-        level = grid_level([partial(load_pair, path) for path in files[downscale]], grid, heights)
-        levels.append(
-            new_raster(level.height, grid, name="guide", units="m", vertical_datum=block.vertical_datum)
+    pairs = {downscale: [stored_pair(path) for path in files[downscale]] for downscale in sorted(files)}
+    extent = common_extent([pair.rectification for pair in pairs[finest]], ground_height(block))
+    cell = 1.25 * resolution * finest
+    grid = Grid.from_bounds(block.crs, extent, cell)
+    path = work / f"guide_ds{finest}.tif"
+    with ExitStack() as stack:
+        levels = [
+            stack.enter_context(grid_level(pairs[d], d, level_grid(grid, d, finest), heights, work))
+            for d in pairs
+        ]
+        writer = stack.enter_context(
+            RasterWriter(path, grid, dtype="float32", attributes={"units": "m", "long_name": "guide"})
         )
-    fused = fuse_downscales(levels, sorted(files)).height
-    rows, columns = slice(0, grid.height), slice(0, grid.width)
-    filled, _ = fill_heights(fused).window(rows, columns)
-    return new_raster(filled, grid, name="guide", units="m", vertical_datum=block.vertical_datum)
+        limits = []
+        for tile in grid.tiles():
+            height = fuse_levels(levels, grid, tile.core, _STEP).height
+            writer.write(height, tile.core)
+            if np.isfinite(height).any():
+                limits += [float(np.nanmin(height)), float(np.nanmax(height))]
+    if not limits:
+        raise MatchingError(
+            f"Nothing was matched at downscales {', '.join(map(str, sorted(files)))}: look at the residuals "
+            "of the orientation and at the sharpness of the photographs."
+        )
+    return Guide(fill_heights(read_raster(path, chunks=_CHUNK)), min(limits), max(limits))
 
 
 def _grey(path: Path, downscale: int) -> np.ndarray:

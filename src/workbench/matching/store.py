@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-import io
 import json
 import zipfile
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
+from typing import IO, Any
 
 import numpy as np
 
@@ -35,6 +36,16 @@ class MatchedPair:
     """(rows, columns) uint8, 0..255."""
 
 
+@dataclass(frozen=True, eq=False)
+class StoredPair:
+    """A pair on disk: its geometry at once, its disparities when they are needed."""
+
+    rectification: Rectification
+    """Geometry of the rectified pair."""
+    load: Callable[[], MatchedPair]
+    """Reads the whole pair."""
+
+
 def save_pair(pair: MatchedPair, path: Path) -> None:
     """Write one pair under a temporary name, then rename it; the same pair gives the same bytes."""
     scaled = np.rint(pair.disparity * _FRACTION)
@@ -60,7 +71,7 @@ def save_pair(pair: MatchedPair, path: Path) -> None:
     part.replace(path)
 
 
-def load_pair(path: Path | io.BytesIO) -> MatchedPair:
+def load_pair(path: Path | IO[bytes]) -> MatchedPair:
     """Read one pair.
 
     Raises
@@ -71,26 +82,28 @@ def load_pair(path: Path | io.BytesIO) -> MatchedPair:
     try:
         with zipfile.ZipFile(path) as file:
             facts = json.loads(file.read("pair.json"))
-            shape = tuple(facts["shape"])
+            rectification = _rectification(facts)
+            shape = rectification.shape
             steps = np.frombuffer(file.read("disparity"), np.uint16).reshape(shape)
             confidence = np.frombuffer(file.read("confidence"), np.uint8).reshape(shape)
     except (zipfile.BadZipFile, KeyError, ValueError, OSError) as error:
         raise MatchingError(f"{path}: damaged ({error}). Run `workbench match` again.") from error
     steps = np.cumsum(steps, axis=1, dtype=np.uint16)
     disparity = np.where(steps == _INVALID, np.nan, steps.astype(np.float32) / _FRACTION)
-    rectification = Rectification(
-        np.array(facts["rotation"]),
-        np.array(facts["centre"]),
-        facts["focal"],
-        (facts["principal"][0], facts["principal"][1]),
-        facts["base"],
-        facts["shift"],
-        facts["disparities"],
-        (shape[0], shape[1]),
-    )
     return MatchedPair(
         facts["name"], facts["downscale"], rectification, disparity.astype(np.float32), confidence
     )
+
+
+def stored_pair(path: Path) -> StoredPair:
+    """A pair in a file of its own.
+
+    Raises
+    ------
+    MatchingError
+        If the file is damaged.
+    """
+    return StoredPair(_load_rectification(path, path), partial(load_pair, path))
 
 
 class PairStore:
@@ -120,8 +133,18 @@ class PairStore:
 
     def load(self, entry: str) -> MatchedPair:
         """One pair."""
+        with zipfile.ZipFile(self.path) as file, file.open(entry) as packed:
+            return load_pair(packed)
+
+    def stored(self, downscale: int) -> list[StoredPair]:
+        """All pairs of a downscale, with their geometry."""
         with zipfile.ZipFile(self.path) as file:
-            return load_pair(io.BytesIO(file.read(entry)))
+            pairs = []
+            for entry in self.pairs(downscale):
+                with file.open(entry) as packed:
+                    geometry = _load_rectification(packed, f"{self.path}: {entry}")
+                pairs.append(StoredPair(geometry, partial(self.load, entry)))
+        return pairs
 
 
 def pack(files: Iterable[tuple[str, Path]], path: Path) -> None:
@@ -131,6 +154,28 @@ def pack(files: Iterable[tuple[str, Path]], path: Path) -> None:
         for name, source in files:
             packed.writestr(zipfile.ZipInfo(name, _DATE), source.read_bytes())
     part.replace(path)
+
+
+def _load_rectification(source: Path | IO[bytes], name: Path | str) -> Rectification:
+    try:
+        with zipfile.ZipFile(source) as file:
+            return _rectification(json.loads(file.read("pair.json")))
+    except (zipfile.BadZipFile, KeyError, ValueError, OSError) as error:
+        raise MatchingError(f"{name}: damaged ({error}). Run `workbench match` again.") from error
+
+
+def _rectification(facts: Mapping[str, Any]) -> Rectification:
+    rows, columns = facts["shape"]
+    return Rectification(
+        np.array(facts["rotation"]),
+        np.array(facts["centre"]),
+        facts["focal"],
+        (facts["principal"][0], facts["principal"][1]),
+        facts["base"],
+        facts["shift"],
+        facts["disparities"],
+        (rows, columns),
+    )
 
 
 def _write(file: zipfile.ZipFile, name: str, data: bytes) -> None:

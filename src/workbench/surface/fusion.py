@@ -33,9 +33,9 @@ def fuse_pairs(
     confidence
         The same shape, larger is better.
     precision
-        (pairs,) standard deviation of a height of each pair, metres.
+        Standard deviation of the heights, metres: (pairs,), or (pairs, rows, columns).
     tolerance
-        Widest gap within a group, metres, but at least three times the largest precision.
+        Widest gap within a group, metres, but at least three times the largest precision in the cell.
 
     Returns
     -------
@@ -45,12 +45,14 @@ def fuse_pairs(
     spread : ndarray (rows, columns) float32
         1.4826 times the median absolute deviation of the used heights, metres; NaN with fewer than two.
     """
-    limit = max(tolerance, 3.0 * float(np.max(precision, initial=0.0)))
+    precision = np.asarray(precision, dtype=np.float32)
+    if precision.ndim == 1:
+        precision = np.broadcast_to(precision[:, None, None], heights.shape)
     return _fuse(
         np.ascontiguousarray(heights, dtype=np.float32),
         np.ascontiguousarray(confidence, dtype=np.float32),
-        1.0 / np.square(np.asarray(precision, dtype=np.float64)),
-        limit,
+        precision,
+        tolerance,
     )
 
 
@@ -109,7 +111,7 @@ def fuse_downscales(surfaces: Sequence[xr.DataArray], downscales: Sequence[int] 
 
 @numba.njit(cache=True, nogil=True)
 def _fuse(
-    heights: np.ndarray, confidence: np.ndarray, weights: np.ndarray, limit: float
+    heights: np.ndarray, confidence: np.ndarray, precision: np.ndarray, tolerance: float
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     pairs, rows, columns = heights.shape
     fused = np.full((rows, columns), np.float32(np.nan), np.float32)
@@ -119,6 +121,7 @@ def _fuse(
     for row in range(rows):
         for column in range(columns):
             n = 0
+            limit = tolerance
             for pair in range(pairs):
                 value = heights[pair, row, column]
                 if value != value:
@@ -128,7 +131,9 @@ def _fuse(
                     z[place], w[place] = z[place - 1], w[place - 1]
                     place -= 1
                 z[place] = value
-                w[place] = confidence[pair, row, column] * weights[pair]
+                sd = precision[pair, row, column]
+                w[place] = confidence[pair, row, column] / (sd * sd)
+                limit = max(limit, 3.0 * sd)
                 n += 1
             if n == 0:
                 continue

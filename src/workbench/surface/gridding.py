@@ -14,7 +14,12 @@ _JOIN = 1.0  # Neighbours whose disparities differ by more (px) do not lie on on
 
 
 def grid_pair(
-    pair: MatchedPair, grid: Grid, heights: tuple[float, float], *, least_confidence: int = 0
+    pair: MatchedPair,
+    grid: Grid,
+    heights: tuple[float, float],
+    *,
+    window: tuple[slice, slice] | None = None,
+    least_confidence: int = 0,
 ) -> tuple[np.ndarray, np.ndarray] | None:
     """Interpolate a pair's points at cell centres.
 
@@ -27,29 +32,33 @@ def grid_pair(
     pair
         Disparities and geometry.
     grid
-        Cells wanted, usually a tile.
+        Cells of the surface.
     heights
         Lowest and highest possible height, metres: limits the part of the pair to look at.
+    window
+        Rows and columns of the grid that are wanted, usually a tile; all by default. The heights of a
+        cell do not depend on the window that it is asked for in.
     least_confidence
         Pixels below are left out, 0..255.
 
     Returns
     -------
     height, confidence : ndarray (rows, columns) float32
-        NaN and 0 where the pair measured nothing; None if it does not reach the grid.
+        NaN and 0 where the pair measured nothing; None if it does not reach the window.
     """
-    window = _window(pair, grid, heights)
-    if window is None:
+    rows, columns = window or (slice(0, grid.height), slice(0, grid.width))
+    seen = _seen(pair, grid.window(rows, columns), heights)
+    if seen is None:
         return None
     r = pair.rectification
-    height = np.full(grid.shape, np.nan, np.float32)
-    confidence = np.zeros(grid.shape, np.float32)
+    height = np.full((rows.stop - rows.start, columns.stop - columns.start), np.nan, np.float32)
+    confidence = np.zeros_like(height)
     _rasterise(
         pair.disparity,
         pair.confidence,
         least_confidence,
-        window[0],
-        window[1],
+        seen[0],
+        seen[1],
         r.focal * r.base,
         r.shift,
         r.focal,
@@ -58,13 +67,15 @@ def grid_pair(
         np.ascontiguousarray(r.rotation),
         r.centre - (grid.west, grid.north, 0.0),
         grid.resolution,
+        rows.start,
+        columns.start,
         height,
         confidence,
     )
     return height, confidence
 
 
-def _window(
+def _seen(
     pair: MatchedPair, grid: Grid, heights: tuple[float, float]
 ) -> tuple[tuple[int, int], tuple[int, int]] | None:
     """Rows and columns of the rectified image that can show the grid."""
@@ -100,6 +111,8 @@ def _rasterise(
     rotation: np.ndarray,
     origin: np.ndarray,
     resolution: float,
+    first_row: int,
+    first_column: int,
     height: np.ndarray,
     trust: np.ndarray,
 ) -> None:
@@ -120,8 +133,9 @@ def _rasterise(
                 points[now, j, k] = (
                     origin[k] + (u * rotation[0, k] + v * rotation[1, k] + rotation[2, k]) * depth
                 )
-            points[now, j, 0] /= resolution
-            points[now, j, 1] /= -resolution
+            # Whole cells are taken off without rounding: every window gives the same heights.
+            points[now, j, 0] = points[now, j, 0] / resolution - first_column
+            points[now, j, 1] = points[now, j, 1] / -resolution - first_row
         if i == row_window[0]:
             continue
         before = 1 - now

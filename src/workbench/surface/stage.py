@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from functools import lru_cache, partial
+from collections.abc import Sequence
+from contextlib import ExitStack
+from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -12,24 +14,37 @@ from workbench.matching.stage import median_resolution
 from workbench.matching.store import PairStore
 from workbench.orientation import Block, read_block
 from workbench.params import Parameters, SurfaceParameters
-from workbench.rasters import Grid, new_raster, read_raster, write_raster
+from workbench.rasters import Grid, RasterWriter, ScratchArrays, read_raster
 from workbench.site import Site
 from workbench.stages import FOLDERS, Stage, open_stage
-from workbench.surface.filling import fill_heights
-from workbench.surface.fusion import INTERPOLATED, NO_DATA, fuse_downscales
-from workbench.surface.levels import Level, grid_level
-from workbench.surface.possible_count import count_possible, possible_pairs
-from workbench.surface.refine import refine
-from workbench.surface.terrain import ground_filter, height_above, user_terrain
+from workbench.surface.filling import FilledHeights, fill_heights
+from workbench.surface.fusion import INTERPOLATED, NO_DATA
+from workbench.surface.levels import Level, fuse_levels, grid_level, level_grid
+from workbench.surface.possible_count import PossibleCount, possible_pairs
+from workbench.surface.refine import refine_window
+from workbench.surface.terrain import UserTerrain, ground_filter
 
-_CACHED_PAIRS = 12
+_KINDS = {"count": "uint8", "spread": "float32", "provenance": "uint8"}
+_TEXTS = {
+    "dsm": ("m", "surface"),
+    "count": ("pairs", "pairs that measured the cell and were used"),
+    "possible_count": ("pairs", "pairs that see the cell"),
+    "spread": ("m", "robust standard deviation of the heights of the pairs"),
+    "provenance": ("1", "0 no data, n downscale measured at, 255 interpolated"),
+    "dtm": ("m", "terrain"),
+    "ground_seen": ("1", "1 where ground was measured or given, 0 where the terrain is interpolated"),
+    "ndsm": ("m", "height above terrain"),
+}
+_SPREAD_STEP, _SPREAD_STEPS = 1e-4, 100_000  # Spreads are counted in tenths of a millimetre, up to 10 m.
 
 
 def surface_site(site: Site, parameters: Parameters) -> dict:
     """Make the surfaces of a site from its matched pairs.
 
     Writes ``dsm_ds1.tif`` ..., ``dsm.tif``, ``count.tif``, ``possible_count.tif``, ``spread.tif``,
-    ``provenance.tif``, ``dtm.tif``, ``ground_seen.tif`` and ``ndsm.tif``.
+    ``provenance.tif``, ``dtm.tif``, ``ground_seen.tif`` and ``ndsm.tif``. Everything goes tile by tile; only
+    what has a 64th of the cells (the closed surface) or cells of ``ground_cell`` (the cloth, which is
+    one for the whole area) is held in memory.
 
     Returns
     -------
@@ -41,43 +56,44 @@ def surface_site(site: Site, parameters: Parameters) -> dict:
     MatchingError
         If the pairs are missing.
     SurfaceError
-        If a user terrain does not fit.
+        If nothing was measured, or a user terrain does not fit.
     """
     options = parameters.surface
-    with open_stage(site.products / FOLDERS["surface"], {"surface": options}) as stage:
+    with open_stage(site.products / FOLDERS["surface"], {"surface": options}) as stage, ExitStack() as stack:
         block = read_block(site.products / FOLDERS["orient"], site)
         store = PairStore(site.products / FOLDERS["match"] / "pairs.zip")
         heights = search_heights(block, parameters.match)
         grid = _grid(block, store, options)
-        levels = {d: _level(store, d, grid, heights, options) for d in store.downscales}
-        datum = block.vertical_datum
-        rasters = [
-            new_raster(level.height, grid, name=f"dsm_ds{d}", units="m", vertical_datum=datum)
-            for d, level in levels.items()
+        levels = [
+            stack.enter_context(
+                grid_level(
+                    store.stored(downscale),
+                    downscale,
+                    level_grid(grid, downscale, store.downscales[0]),
+                    heights,
+                    stage.folder,
+                    options,
+                )
+            )
+            for downscale in store.downscales
         ]
-        for raster in rasters:
-            write_raster(raster, stage.path(f"{raster.name}.tif"))
-        fused = fuse_downscales(rasters, list(levels))
-        dsm, provenance = fused.height.values, fused.provenance.values
-        count, spread = _of_source(levels, provenance)
-        surface = new_raster(dsm, grid, name="dsm", units="m", long_name="surface", vertical_datum=datum)
+        layers = stack.enter_context(ScratchArrays(stage.folder, grid.shape, _KINDS))
+        _write_fused(levels, grid, layers, options, stage, block.vertical_datum)
+        surface = _filled(stage, options)
         if options.interpolate == "linear":
-            filled, measured = fill_heights(surface).window(slice(0, grid.height), slice(0, grid.width))
-            surface.values[~measured] = filled[~measured]
-            provenance[~measured] = INTERPOLATED
-        write_raster(surface, stage.path("dsm.tif"))
-        _write_layers(stage, grid, count, spread, provenance)
-        possible = count_possible(possible_pairs(block, parameters.match), surface)
-        write_raster(possible, stage.path("possible_count.tif"))
-        ground = _terrain(site, surface, options, stage)
-        stage.metrics.update(_metrics(levels, provenance, count, spread, possible, ground))
+            _interpolate(surface, layers, options, stage)
+        _write_layers(layers, grid, options, stage)
+        possible = PossibleCount(possible_pairs(block, parameters.match), surface)
+        counted = _count(possible, levels, layers, grid, options, stage)
+        terrain = _terrain(site, _filled(stage, options).surface, options, stage)
+        stage.metrics.update(counted | terrain)
     return stage.metrics
 
 
 def _grid(block: Block, store: PairStore, options: SurfaceParameters) -> Grid:
     """Cells that any pair can fill; resolution of two significant digits, so that dates fall together."""
     finest = store.downscales[0]
-    rectifications = [store.load(entry).rectification for entry in store.pairs(finest)]
+    rectifications = [pair.rectification for pair in store.stored(finest)]
     ground = ground_height(block)
     resolution = options.resolution
     if resolution is None:
@@ -87,113 +103,154 @@ def _grid(block: Block, store: PairStore, options: SurfaceParameters) -> Grid:
     return Grid.from_bounds(block.crs, common_extent(rectifications, ground), resolution)
 
 
-def _level(
-    store: PairStore,
-    downscale: int,
+def _write_fused(
+    levels: Sequence[Level],
     grid: Grid,
-    heights: tuple[float, float],
+    layers: ScratchArrays,
     options: SurfaceParameters,
-) -> Level:
-    """A coarser downscale is gridded on cells as much coarser, then refined to the common grid."""
-    load = lru_cache(_CACHED_PAIRS)(store.load)
-    pairs = [partial(load, entry) for entry in store.pairs(downscale)]
-    factor = max(round(downscale / store.downscales[0]), 1)
-    if factor == 1:
-        return grid_level(pairs, grid, heights, options)
-    coarse = Grid.from_bounds(grid.crs, grid.bounds, grid.resolution * factor)
-    level = grid_level(pairs, coarse, heights, options)
-    return Level(
-        refine(level.height, coarse, grid, step=options.patch_step),
-        refine(level.count, coarse, grid),
-        refine(level.spread, coarse, grid),
-    )
-
-
-def _of_source(levels: dict[int, Level], provenance: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Count and spread of the downscale that gave each cell."""
-    count = np.zeros(provenance.shape, np.uint8)
-    spread = np.full(provenance.shape, np.nan, np.float32)
-    for downscale, level in levels.items():
-        mine = provenance == downscale
-        count[mine], spread[mine] = level.count[mine], level.spread[mine]
-    return count, spread
-
-
-def _write_layers(
-    stage: Stage, grid: Grid, count: np.ndarray, spread: np.ndarray, provenance: np.ndarray
+    stage: Stage,
+    datum: str,
 ) -> None:
-    texts = {
-        "count": (count, "pairs", "pairs that measured the cell and were used"),
-        "spread": (spread, "m", "robust standard deviation of the heights of the pairs"),
-        "provenance": (provenance, "1", "0 no data, n downscale measured at, 255 interpolated"),
+    """Write the surface of each downscale and all of them fused; note what belongs to the fused one."""
+    with ExitStack() as stack:
+        alone = {
+            level.downscale: stack.enter_context(
+                _writer(stage, grid, f"dsm_ds{level.downscale}", long_name="surface", vertical_datum=datum)
+            )
+            for level in levels
+        }
+        dsm = stack.enter_context(_writer(stage, grid, "dsm", vertical_datum=datum))
+        for tile in grid.tiles(options.tile_size):
+            fused = fuse_levels(levels, grid, tile.core, options.patch_step)
+            dsm.write(fused.height, tile.core)
+            for downscale, height in fused.levels.items():
+                alone[downscale].write(height, tile.core)
+            for name in _KINDS:
+                layers.write(name, getattr(fused, name), tile.core)
+
+
+def _filled(stage: Stage, options: SurfaceParameters) -> FilledHeights:
+    """The fused surface as it is on disk."""
+    return fill_heights(read_raster(stage.path("dsm.tif"), chunks=max(options.tile_size, 512)))
+
+
+def _interpolate(
+    surface: FilledHeights, layers: ScratchArrays, options: SurfaceParameters, stage: Stage
+) -> None:
+    """Replace ``dsm.tif`` by the surface without holes; filled cells are flagged."""
+    grid = surface.grid
+    with _writer(stage, grid, "dsm", vertical_datum=surface.surface.attrs["vertical_datum"]) as dsm:
+        for tile in grid.tiles(options.tile_size):
+            height, measured = surface.window(*tile.core)
+            dsm.write(height.astype(np.float32), tile.core)
+            provenance = layers.read("provenance", tile.core)
+            provenance[~measured] = INTERPOLATED
+            layers.write("provenance", provenance, tile.core)
+
+
+def _write_layers(layers: ScratchArrays, grid: Grid, options: SurfaceParameters, stage: Stage) -> None:
+    for name, kind in _KINDS.items():
+        with _writer(stage, grid, name, kind) as writer:
+            for tile in grid.tiles(options.tile_size):
+                writer.write(layers.read(name, tile.core), tile.core)
+
+
+def _count(
+    possible: PossibleCount,
+    levels: Sequence[Level],
+    layers: ScratchArrays,
+    grid: Grid,
+    options: SurfaceParameters,
+    stage: Stage,
+) -> dict:
+    """Write the possible count; metrics of what was measured of it."""
+    sums: dict[str, int] = dict.fromkeys(("area", "ge1", "ge2", "zero", "count", "possible"), 0)
+    unmatched = {level.downscale: 0 for level in levels}
+    sources = np.zeros(256, np.int64)
+    spreads = np.zeros(_SPREAD_STEPS, np.int64)
+    with _writer(stage, grid, "possible_count", "uint8") as writer:
+        for tile in grid.tiles(options.tile_size):
+            limit = possible.window(*tile.core)
+            writer.write(limit, tile.core)
+            area = limit > 0
+            count, spread, provenance = (layers.read(name, tile.core) for name in _KINDS)
+            sums["area"] += int(area.sum())
+            sums["ge1"] += int((area & (count >= 1)).sum())
+            sums["ge2"] += int((area & (count >= 2)).sum())
+            sums["zero"] += int((area & (count == 0)).sum())
+            sums["count"] += int(count[area].sum(dtype=np.int64))
+            sums["possible"] += int(limit[area].sum(dtype=np.int64))
+            for level in levels:
+                missing = level.window("count", grid, tile.core) == 0
+                unmatched[level.downscale] += int((area & missing).sum())
+            sources += np.bincount(provenance[area], minlength=256)
+            known = spread[np.isfinite(spread)]
+            steps = np.minimum(known / _SPREAD_STEP, _SPREAD_STEPS - 1).astype(np.int64)
+            spreads += np.bincount(steps, minlength=_SPREAD_STEPS)
+    cells = max(sums["area"], 1)
+    return {
+        "cells_m": grid.resolution,
+        "coverage_ge1": round(sums["ge1"] / cells, 5),
+        "coverage_ge2": round(sums["ge2"] / cells, 5),
+        "count_zero_share": round(sums["zero"] / cells, 5),
+        "count_mean": round(sums["count"] / cells, 4),
+        "possible_count_mean": round(sums["possible"] / cells, 4),
+        "spread_median_m": _median(spreads),
+        "unmatched_share": {f"ds{d}": round(n / cells, 5) for d, n in unmatched.items()},
+        "provenance_share": {
+            f"ds{level.downscale}": round(sources[level.downscale] / cells, 5) for level in levels
+        },
+        "interpolated_share": round(sources[INTERPOLATED] / cells, 5),
+        "no_data_share": round(sources[NO_DATA] / cells, 5),
     }
-    for name, (values, units, text) in texts.items():
-        write_raster(
-            new_raster(values, grid, name=name, units=units, long_name=text), stage.path(f"{name}.tif")
-        )
 
 
-def _terrain(site: Site, surface: xr.DataArray, options: SurfaceParameters, stage: Stage) -> float:
+def _median(counts: np.ndarray) -> float | None:
+    """Median spread, metres, of counts of spreads."""
+    total = int(counts.sum())
+    if not total:
+        return None
+    return round((int(np.searchsorted(counts.cumsum(), (total + 1) // 2)) + 0.5) * _SPREAD_STEP, 5)
+
+
+def _terrain(site: Site, surface: xr.DataArray, options: SurfaceParameters, stage: Stage) -> dict:
     """Write terrain and height above it; share of the terrain that was seen."""
     grid = Grid.of(surface)
-    if site.dtm is not None:
-        terrain = user_terrain(read_raster(site.dtm), surface)
-        seen = np.isfinite(terrain.values).astype(np.uint8)
-        ground_seen = new_raster(seen, grid, name="ground_seen", units="1", long_name="given by the user")
-    else:
-        coarse, coarse_seen = ground_filter(
+    datum = str(surface.attrs["vertical_datum"])
+    given = None if site.dtm is None else UserTerrain(read_raster(site.dtm, chunks=1024), surface)
+    if given is None:
+        coarse, seen = ground_filter(
             surface,
             cell=options.ground_cell,
             rigidness=options.ground_rigidness,
             threshold=options.ground_threshold,
         )
         base = Grid.of(coarse)
-        terrain = new_raster(
-            refine(coarse.values, base, grid, step=np.inf),
-            grid,
-            name="dtm",
-            units="m",
-            long_name="terrain",
-            vertical_datum=surface.attrs["vertical_datum"],
-        )
-        ground_seen = new_raster(
-            refine(coarse_seen.values, base, grid),
-            grid,
-            name="ground_seen",
-            units="1",
-            long_name="1 where ground was measured, 0 where the terrain is interpolated",
-        )
-    write_raster(terrain, stage.path("dtm.tif"))
-    write_raster(ground_seen, stage.path("ground_seen.tif"))
-    write_raster(height_above(surface, terrain), stage.path("ndsm.tif"))
-    return float(ground_seen.values.mean())
+    ground = 0
+    with (
+        _writer(stage, grid, "dtm", vertical_datum=datum) as dtm,
+        _writer(stage, grid, "ground_seen", "uint8") as flags,
+        _writer(stage, grid, "ndsm", vertical_datum="height above terrain") as ndsm,
+    ):
+        for tile in grid.tiles(options.tile_size):
+            heights = surface.isel(y=tile.core[0], x=tile.core[1]).values
+            if given is not None:
+                terrain = given.window(*tile.core)
+                given.check(heights, terrain)
+                flag = np.isfinite(terrain).astype(np.uint8)
+            else:
+                terrain = refine_window(coarse.values.__getitem__, base, grid, tile.core, step=np.inf)
+                flag = refine_window(seen.values.__getitem__, base, grid, tile.core)
+            dtm.write(terrain, tile.core)
+            flags.write(flag, tile.core)
+            ndsm.write((heights - terrain).astype(np.float32), tile.core)
+            ground += int(flag.sum())
+        if given is not None:
+            given.require_cover()
+    return {"ground_seen_share": round(ground / (grid.width * grid.height), 5)}
 
 
-def _metrics(
-    levels: dict[int, Level],
-    provenance: np.ndarray,
-    count: np.ndarray,
-    spread: np.ndarray,
-    possible: xr.DataArray,
-    ground: float,
-) -> dict:
-    area = possible.values > 0
-    cells = max(int(area.sum()), 1)
-    known = spread[np.isfinite(spread)]
-    return {
-        "cells_m": float(abs(possible.x[1] - possible.x[0])),
-        "coverage_ge1": round(float((area & (count >= 1)).sum() / cells), 5),
-        "coverage_ge2": round(float((area & (count >= 2)).sum() / cells), 5),
-        "count_zero_share": round(float((area & (count == 0)).sum() / cells), 5),
-        "count_mean": round(float(count[area].mean()) if area.any() else 0.0, 4),
-        "possible_count_mean": round(float(possible.values[area].mean()) if area.any() else 0.0, 4),
-        "spread_median_m": round(float(np.median(known)), 5) if known.size else None,
-        "unmatched_share": {
-            f"ds{d}": round(float((area & (level.count == 0)).sum() / cells), 5)
-            for d, level in levels.items()
-        },
-        "provenance_share": {f"ds{d}": round(float((provenance == d).sum() / cells), 5) for d in levels},
-        "interpolated_share": round(float((area & (provenance == INTERPOLATED)).sum() / cells), 5),
-        "no_data_share": round(float((area & (provenance == NO_DATA)).sum() / cells), 5),
-        "ground_seen_share": round(ground, 5),
-    }
+def _writer(stage: Stage, grid: Grid, name: str, kind: str = "float32", **attributes: Any) -> RasterWriter:
+    units, text = _TEXTS.get(name, _TEXTS["dsm"])
+    attributes = {"units": units, "long_name": text} | attributes
+    return RasterWriter(stage.path(f"{name}.tif"), grid, dtype=kind, attributes=attributes)

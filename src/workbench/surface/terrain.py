@@ -4,10 +4,14 @@ from __future__ import annotations
 
 import contextlib
 import os
+import sys
+from collections.abc import Iterator
 
 import CSF
+import numba
 import numpy as np
 import xarray as xr
+from rasterio.warp import transform
 from scipy.interpolate import LinearNDInterpolator, NearestNDInterpolator
 
 from workbench.errors import SurfaceError
@@ -16,6 +20,7 @@ from workbench.rasters import Grid, match_grid, new_raster, require_heights
 
 _DEFAULTS = SurfaceParameters()
 _LEAST_POINTS = 10
+_NODES = 32
 
 
 def ground_filter(
@@ -72,8 +77,106 @@ def ground_filter(
     )
 
 
+class UserTerrain:
+    """A terrain raster of the user, any CRS and cell, on the grid of a surface, by window.
+
+    Heights are interpolated bilinearly at the cell centres; a cell beside or between missing cells of
+    the terrain is missing.
+
+    Parameters
+    ----------
+    dtm
+        Terrain, metres.
+    surface
+        Whose grid and datum are wanted.
+
+    Raises
+    ------
+    SurfaceError
+        If its datum differs from the surface's.
+    RasterError
+        If it has no CRS or states no vertical datum.
+    """
+
+    def __init__(self, dtm: xr.DataArray, surface: xr.DataArray) -> None:
+        ours, theirs = require_heights(surface), require_heights(dtm)
+        if ours != theirs:
+            raise SurfaceError(
+                f"Terrain {dtm.name} refers to '{theirs}', the surface to '{ours}': transform one of them, "
+                "or state the same datum if they are the same."
+            )
+        self._dtm, self._source = dtm, Grid.of(dtm)
+        self.grid = Grid.of(surface)
+        self._measured = self._lacking = 0
+
+    def window(self, rows: slice, columns: slice) -> np.ndarray:
+        """Terrain heights (rows, columns) float32, NaN outside the terrain."""
+        row, column = self._places(rows, columns)
+        first_row, last_row = int(np.floor(row.min())) - 1, int(np.ceil(row.max())) + 2
+        first_column, last_column = int(np.floor(column.min())) - 1, int(np.ceil(column.max())) + 2
+        part = (
+            slice(max(first_row, 0), min(last_row, self._source.height)),
+            slice(max(first_column, 0), min(last_column, self._source.width)),
+        )
+        if part[0].start >= part[0].stop or part[1].start >= part[1].stop:
+            return np.full(row.shape, np.nan, np.float32)
+        values = self._dtm.isel(y=part[0], x=part[1]).values.astype(np.float32)
+        if self._dtm.rio.nodata is not None:
+            values[values == self._dtm.rio.nodata] = np.nan
+        return _bilinear(
+            values,
+            row - part[0].start,
+            column - part[1].start,
+            self._source.shape,
+            part[0].start,
+            part[1].start,
+        )
+
+    def check(self, surface: np.ndarray, terrain: np.ndarray) -> None:
+        """Note how much of the measured surface of a window has no terrain."""
+        measured = np.isfinite(surface)
+        self._measured += int(measured.sum())
+        self._lacking += int((measured & ~np.isfinite(terrain)).sum())
+
+    def require_cover(self) -> None:
+        """Refuse a terrain that lacks any of what :meth:`check` saw.
+
+        Raises
+        ------
+        SurfaceError
+            If it covers less than the whole measured area.
+        """
+        if self._lacking:
+            raise SurfaceError(
+                f"Terrain {self._dtm.name} does not cover {self._lacking / self._measured:.1%} of the "
+                "measured area: extend it, or leave it out so that the ground is filtered from the surface."
+            )
+
+    def _places(self, rows: slice, columns: slice) -> tuple[np.ndarray, np.ndarray]:
+        """Rows and columns of the terrain, counted from the first cell's centre, of cell centres."""
+        # Every 32nd cell is transformed; between them a projection is a plane to within micrometres.
+        row_nodes = np.arange(rows.start // _NODES, (rows.stop - 1) // _NODES + 2) * _NODES
+        column_nodes = np.arange(columns.start // _NODES, (columns.stop - 1) // _NODES + 2) * _NODES
+        grid, source = self.grid, self._source
+        x, y = np.meshgrid(
+            grid.west + (column_nodes + 0.5) * grid.resolution,
+            grid.north - (row_nodes + 0.5) * grid.resolution,
+        )
+        if source.crs != grid.crs:
+            moved = transform(grid.crs, source.crs, x.ravel(), y.ravel())
+            x, y = (np.reshape(axis, x.shape) for axis in moved)
+        down, across = (
+            (np.arange(part.start, part.stop) - nodes[0]) / _NODES
+            for part, nodes in ((rows, row_nodes), (columns, column_nodes))
+        )
+        return (
+            _between_nodes((source.north - y) / source.resolution - 0.5, down, across),
+            _between_nodes((x - source.west) / source.resolution - 0.5, down, across),
+        )
+
+
 def user_terrain(dtm: xr.DataArray, surface: xr.DataArray) -> xr.DataArray:
-    """A terrain raster of the user on the grid of the surface.
+    """A terrain raster of the user on the grid of the surface, in memory.
 
     Raises
     ------
@@ -82,21 +185,13 @@ def user_terrain(dtm: xr.DataArray, surface: xr.DataArray) -> xr.DataArray:
     RasterError
         If it has no CRS or states no vertical datum.
     """
-    ours, theirs = require_heights(surface), require_heights(dtm)
-    if ours != theirs:
-        raise SurfaceError(
-            f"Terrain {dtm.name} refers to '{theirs}', the surface to '{ours}': transform one of them, or "
-            "state the same datum if they are the same."
-        )
-    terrain = match_grid(dtm, Grid.of(surface))
-    measured = np.isfinite(surface.values)
-    lacking = float((measured & ~np.isfinite(terrain.values)).sum() / max(measured.sum(), 1))
-    if lacking > 0:
-        raise SurfaceError(
-            f"Terrain {dtm.name} does not cover {lacking:.1%} of the measured area: extend it, or leave "
-            "it out so that the ground is filtered from the surface."
-        )
-    return terrain
+    terrain = UserTerrain(dtm, surface)
+    grid = terrain.grid
+    values = terrain.window(slice(0, grid.height), slice(0, grid.width))
+    terrain.check(surface.values, values)
+    terrain.require_cover()
+    datum = surface.attrs["vertical_datum"]
+    return new_raster(values, grid, name="dtm", units="m", long_name="terrain", vertical_datum=datum)
 
 
 def height_above(surface: xr.DataArray, terrain: xr.DataArray) -> xr.DataArray:
@@ -114,16 +209,60 @@ def height_above(surface: xr.DataArray, terrain: xr.DataArray) -> xr.DataArray:
     )
 
 
+def _between_nodes(values: np.ndarray, down: np.ndarray, across: np.ndarray) -> np.ndarray:
+    """Bilinear values at positions counted in nodes."""
+    top, left = np.floor(down).astype(int), np.floor(across).astype(int)
+    weight_y, weight_x = (down - top)[:, None], (across - left)[None, :]
+    upper = values[np.ix_(top, left)] * (1 - weight_x) + values[np.ix_(top, left + 1)] * weight_x
+    lower = values[np.ix_(top + 1, left)] * (1 - weight_x) + values[np.ix_(top + 1, left + 1)] * weight_x
+    return upper * (1 - weight_y) + lower * weight_y
+
+
+@numba.njit(cache=True, nogil=True)
+def _bilinear(
+    values: np.ndarray,
+    rows: np.ndarray,
+    columns: np.ndarray,
+    shape: tuple[int, int],
+    first_row: int,
+    first_column: int,
+) -> np.ndarray:
+    """Bilinear values at places counted from the centre of the window's first cell; NaN outside the raster.
+
+    Within half a cell of the raster's border the nearest row or column is taken.
+    """
+    result = np.full(rows.shape, np.float32(np.nan), np.float32)
+    for i in range(rows.shape[0]):
+        for j in range(rows.shape[1]):
+            row, column = rows[i, j] + first_row, columns[i, j] + first_column
+            if not (-0.5 <= row <= shape[0] - 0.5 and -0.5 <= column <= shape[1] - 0.5):
+                continue
+            row = min(max(row, 0.0), shape[0] - 1.0)
+            column = min(max(column, 0.0), shape[1] - 1.0)
+            top, left = int(row), int(column)
+            down, across = row - top, column - left
+            top, left = top - first_row, left - first_column
+            total = 0.0
+            # A neighbour without weight may be missing.
+            for step_y, weight_y in ((0, 1 - down), (1, down)):
+                for step_x, weight_x in ((0, 1 - across), (1, across)):
+                    if weight_y * weight_x > 1e-9:
+                        total += weight_y * weight_x * values[top + step_y, left + step_x]
+            result[i, j] = total
+    return result
+
+
 def _lowest(surface: xr.DataArray, cell: float) -> xr.DataArray:
     grid = Grid.of(surface)
     coarse = Grid.from_bounds(grid.crs, grid.bounds, max(cell, grid.resolution))
     rows = np.clip(((coarse.north - grid.y) / coarse.resolution).astype(int), 0, coarse.height - 1)
     columns = np.clip(((grid.x - coarse.west) / coarse.resolution).astype(int), 0, coarse.width - 1)
     lowest = np.full(coarse.shape, np.inf, np.float32)
-    for row in range(grid.height):
-        values = surface.values[row]
-        known = np.isfinite(values)
-        np.minimum.at(lowest[rows[row]], columns[known], values[known])
+    for tile in grid.tiles(2048):
+        values = surface.isel(y=tile.core[0], x=tile.core[1]).values
+        row, column = np.nonzero(np.isfinite(values))
+        places = rows[tile.core[0]][row], columns[tile.core[1]][column]
+        np.minimum.at(lowest, places, values[row, column])
     lowest[np.isinf(lowest)] = np.nan
     return new_raster(lowest, coarse, name="lowest", units="m")
 
@@ -137,12 +276,25 @@ def _cloth(xyz: np.ndarray, cell: float, rigidness: int, threshold: float) -> np
     cloth.params.interations = 500
     cloth.setPointCloud(xyz)
     ground, other = CSF.VecInt(), CSF.VecInt()
-    # The library prints its progress without being asked.
-    with open(os.devnull, "w") as silence, contextlib.redirect_stdout(silence):  # noqa: PTH123
+    with _silence():
         cloth.do_filtering(ground, other, False)
     mask = np.zeros(len(xyz), bool)
     mask[np.array(ground, dtype=int)] = True
     return mask
+
+
+@contextlib.contextmanager
+def _silence() -> Iterator[None]:
+    """Keep the library, which is not Python, from printing its progress to the standard output."""
+    sys.stdout.flush()
+    kept, nowhere = os.dup(1), os.open(os.devnull, os.O_WRONLY)
+    try:
+        os.dup2(nowhere, 1)
+        yield
+    finally:
+        os.dup2(kept, 1)
+        os.close(kept)
+        os.close(nowhere)
 
 
 def _interpolate(points: np.ndarray, grid: Grid) -> np.ndarray:
