@@ -7,6 +7,7 @@ Nothing outside this module opens or writes a raster file or knows about tiles.
 
 from __future__ import annotations
 
+import os
 import tempfile
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -25,6 +26,9 @@ from rasterio.transform import Affine
 from rasterio.windows import Window
 
 from workbench.errors import RasterError
+
+# GDAL would keep a twentieth of the machine's memory of blocks that tiles have done with. Megabytes.
+os.environ.setdefault("GDAL_CACHEMAX", "64")
 
 VERTICAL_DATUM = "vertical_datum"
 _COG_BLOCK = 512
