@@ -36,6 +36,20 @@ def read_vector(path: Path | str, *, layer: str | None = None, crs: Any | None =
     return frame if crs is None else frame.to_crs(crs)
 
 
+def layer_names(path: Path | str) -> tuple[str, ...]:
+    """Names of the layers of a vector file.
+
+    Raises
+    ------
+    VectorError
+        If the file is missing or unreadable.
+    """
+    try:
+        return tuple(str(name) for name, _ in pyogrio.list_layers(path))
+    except pyogrio.errors.DataSourceError as error:
+        raise VectorError(f"{path}: not a readable vector file ({error}).") from error
+
+
 def write_layers(layers: Mapping[str, gpd.GeoDataFrame], path: Path | str) -> Path:
     """Write GeoPackage layers under a temporary name, then rename the file.
 

@@ -31,7 +31,7 @@ def hillshade(
     return np.clip(light, 0, 1)
 
 
-def figure(width: float = 7.0, height: float = 5.5) -> tuple[Figure, Axes]:
+def figure(width: float = 6.2, height: float = 4.9) -> tuple[Figure, Axes]:
     """An empty figure with one axes, without any global state of matplotlib."""
     made = Figure(figsize=(width, height), layout="constrained")
     return made, made.add_subplot()
@@ -52,8 +52,15 @@ def draw_values(axes: Axes, raster: xr.DataArray, *, label: str, cmap: str = "vi
     low, high = np.percentile(finite, [1, 99]) if finite.size else (0.0, 1.0)
     style = {"vmin": low, "vmax": high if high > low else low + 1} | style
     image = axes.imshow(values, extent=extent(raster), cmap=cmap, interpolation="nearest", **style)
-    axes.figure.colorbar(image, ax=axes, label=label, shrink=0.8)
+    colour_bar(axes, image, label)
     _name_axes(axes, raster)
+
+
+def colour_bar(axes: Axes, drawn: Any, label: str) -> None:
+    """Colour bar beside the axes, as high as they are, whatever the shape of the map."""
+    beside = axes.inset_axes((1.02, 0.0, 0.035, 1.0))
+    axes.figure.colorbar(drawn, cax=beside, label=label)
+    beside.tick_params(labelsize=7)
 
 
 def draw_classes(axes: Axes, raster: xr.DataArray, classes: dict[int, tuple[str, str]]) -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from importlib.resources import files
 from typing import Any
 
@@ -10,15 +10,21 @@ from jinja2 import Environment
 
 from workbench.environment import describe_environment
 from workbench.errors import SiteError
+from workbench.figures.advice import advice
+from workbench.figures.assessment_section import assessment_section
 from workbench.figures.orientation import orientation_section
 from workbench.figures.products import (
     matching_section,
     mosaic_section,
     surface_section,
 )
-from workbench.figures.sections import Block, Section, Table, written
+from workbench.figures.reed_section import reed_section
+from workbench.figures.sections import Block, Section, Table, percent, written
+from workbench.figures.site_section import site_section
+from workbench.figures.trees_section import trees_section
 from workbench.params import Parameters
 from workbench.site import Site
+from workbench.site.files import write_text
 from workbench.stages import FOLDERS, open_stage, read_json
 
 SECTIONS: dict[str, Callable[[Site], Section]] = {
@@ -26,7 +32,11 @@ SECTIONS: dict[str, Callable[[Site], Section]] = {
     "match": matching_section,
     "surface": surface_section,
     "mosaic": mosaic_section,
+    "reed": reed_section,
+    "trees": trees_section,
+    "assess": assessment_section,
 }
+"""Chapters of the stages, in the order of the chain."""
 
 
 def report_site(site: Site, parameters: Parameters) -> dict:
@@ -48,17 +58,22 @@ def report_site(site: Site, parameters: Parameters) -> dict:
     if "orient" not in done:
         raise SiteError(f"Site {site.name} has no products: run `workbench run --site {site.name}` first.")
     with open_stage(site.products / FOLDERS["report"], {"report": parameters.report}) as stage:
-        sections = [SECTIONS[verb](site) for verb in done] + [_provenance(site, done)]
-        warnings = _warnings(site, done)
+        metrics = {verb: read_json(site.products / FOLDERS[verb] / "metrics.json") for verb in done}
+        sections = [site_section(site), *(SECTIONS[verb](site) for verb in done), _provenance(site, done)]
+        warnings = _warnings(site, metrics)
         page = files("workbench.figures").joinpath("report.html.j2").read_text(encoding="utf-8")
         html = (
             Environment(autoescape=True)
             .from_string(page)
-            .render(site=site, lead=_lead(site), warnings=warnings, sections=sections)
+            .render(
+                site=site,
+                lead=_lead(site),
+                glance=_glance(metrics),
+                warnings=warnings,
+                sections=sections,
+            )
         )
-        part = stage.path(".report.html.part")
-        part.write_text(html, encoding="utf-8")
-        part.replace(stage.path("report.html"))
+        write_text(html, stage.path("report.html"))
         stage.metrics.update({"sections": [s.title for s in sections], "warnings": len(warnings)})
     return stage.metrics
 
@@ -71,11 +86,41 @@ def _lead(site: Site) -> str:
     return f"{kind}; {len(site.photographs)} photographs ({cameras}), {crs}, heights: {site.vertical_datum}."
 
 
-def _warnings(site: Site, done: list[str]) -> list[str]:
+def _glance(metrics: Mapping[str, Mapping[str, Any]]) -> list[tuple[str, str]]:
+    """The handful of numbers that a reader looks for first: value and what it is."""
+    orient, match = metrics["orient"], metrics.get("match", {})
+    surface, trees, reed = (metrics.get(verb, {}) for verb in ("surface", "trees", "reed"))
+    found: list[tuple[str | None, str]] = [
+        (f"{orient['registered']} of {orient['photos']}", "photographs registered"),
+        (_metres(match.get("ground_resolution_m")), "ground resolution"),
+        (_metres(orient.get("check_rms_xy_m")), "check points, horizontal"),
+        (_metres(orient.get("check_rms_z_m")), "check points, vertical"),
+        (_share(surface.get("coverage_ge1")), "of the area measured"),
+        (_share(surface.get("coverage_ge2")), "by two or more pairs"),
+        (_number(reed.get("extent_m2"), " m2"), "aquatic reed"),
+        (_number(trees.get("trees")), "trees"),
+    ]
+    return [(value, what) for value, what in found if value is not None]
+
+
+def _metres(value: float | None) -> str | None:
+    return None if value is None else f"{100 * value:.1f} cm" if value < 1 else f"{value:.2f} m"
+
+
+def _share(value: float | None) -> str | None:
+    return None if value is None else percent(value)
+
+
+def _number(value: float | None, unit: str = "") -> str | None:
+    return None if value is None else f"{value:,.0f}{unit}"
+
+
+def _warnings(site: Site, metrics: Mapping[str, Mapping[str, Any]]) -> list[str]:
+    """What to know before the products are used, each once, with its remedy."""
     warnings = [f"{p.name} was set aside: {p.set_aside}." for p in site.set_aside]
-    for verb in done:
-        warnings += read_json(site.products / FOLDERS[verb] / "metrics.json").get("warnings", [])
-    return warnings
+    for of_stage in metrics.values():
+        warnings += of_stage.get("warnings", [])
+    return list(dict.fromkeys([*warnings, *advice(metrics)]))
 
 
 def _provenance(site: Site, done: list[str]) -> Section:
@@ -97,6 +142,6 @@ def _provenance(site: Site, done: list[str]) -> Section:
     return Section(
         "How it was made",
         "Run time and peak memory of each stage, its resolved parameters, and the machine.",
-        tables=[Table(rows, ["stage", "seconds", "CPU seconds", "peak memory (MB)"])],
+        tables=[Table(rows, ["stage", "seconds", "CPU seconds", "peak memory (MB)"], "Cost of each stage.")],
         blocks=[*blocks, Block("Environment", facts)],
     )

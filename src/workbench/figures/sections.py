@@ -22,6 +22,8 @@ class Table:
     """Cells, already written as text."""
     header: Sequence[str] = ()
     """Names of the columns; none for a list of facts."""
+    title: str = ""
+    """What the table shows."""
 
 
 @dataclass(frozen=True)
@@ -32,14 +34,16 @@ class Picture:
     """PNG, base64."""
     caption: str
     """One or two sentences: what is shown and how to read it."""
+    wide: bool = False
+    """Whether it takes the whole width of the page."""
 
     @classmethod
-    def of(cls, figure: Figure, caption: str) -> Picture:
+    def of(cls, figure: Figure, caption: str, *, wide: bool = False) -> Picture:
         """Render a figure."""
         data = io.BytesIO()
         # Without metadata the same figure gives the same bytes.
-        figure.savefig(data, format="png", dpi=_DPI, metadata={"Software": None})
-        return cls(base64.b64encode(data.getvalue()).decode(), caption)
+        figure.savefig(data, format="png", dpi=_DPI, bbox_inches="tight", metadata={"Software": None})
+        return cls(base64.b64encode(data.getvalue()).decode(), caption, wide)
 
 
 @dataclass(frozen=True)
@@ -68,9 +72,35 @@ class Section:
     """Foldable texts, at the end."""
 
 
-def facts(values: Mapping[str, Any], labels: Mapping[str, str]) -> Table:
+def facts(values: Mapping[str, Any], labels: Mapping[str, str], *, title: str = "") -> Table:
     """Table of the labelled values that are there, in the order of the labels."""
-    return Table([(label, written(values[key])) for key, label in labels.items() if key in values])
+    rows = [(label, written(values[key])) for key, label in labels.items() if values.get(key) is not None]
+    return Table(rows, title=title)
+
+
+def matrix_table(scores: Mapping[str, Any], title: str, *, classes: Sequence[str] = ()) -> Table:
+    """Error matrix as the papers print it: rows classified, columns reference, accuracies at the borders.
+
+    Parameters
+    ----------
+    scores
+        ``counts``, ``producer_accuracy``, ``user_accuracy``, ``overall_accuracy``, ``kappa`` and, unless
+        given apart, ``classes``.
+    """
+    names = list(classes or scores["classes"])
+    user, producer = scores["user_accuracy"], scores["producer_accuracy"]
+    rows = [
+        [name, *(f"{count:.0f}" for count in row), percent(user[name])]
+        for name, row in zip(names, scores["counts"], strict=True)
+    ]
+    rows.append(["producer accuracy", *(percent(producer[name]) for name in names), ""])
+    total = f"overall accuracy {percent(scores['overall_accuracy'])}, kappa {written(scores['kappa'])}"
+    return Table(rows, ["classified / reference", *names, "user accuracy"], f"{title}: {total}.")
+
+
+def percent(share: float | None) -> str:
+    """A share 0..1 in per cent."""
+    return "-" if share is None or math.isnan(share) else f"{100 * share:.1f} %"
 
 
 def written(value: Any) -> str:

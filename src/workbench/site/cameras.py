@@ -49,12 +49,18 @@ def _lacking(entry: Mapping[str, Any]) -> str:
 
 
 def _label(entry: Mapping[str, Any]) -> str:
-    name = f"{entry.get('make') or ''} {entry.get('model') or ''}".strip() or "a camera without EXIF"
+    name = _make_and_model(entry) or "a camera without EXIF"
     return f"'{name}' ({entry.get('width')} x {entry.get('height')} px)"
 
 
+def _make_and_model(entry: Mapping[str, Any]) -> str:
+    """Make and model; some makers write their name into both."""
+    make, model = str(entry.get("make") or "").strip(), str(entry.get("model") or "").strip()
+    return model if model.lower().startswith(make.lower()) else f"{make} {model}".strip()
+
+
 def _camera(entry: Mapping[str, Any], identifier: str, where: str) -> Camera:
-    name = f"{entry.get('make') or ''} {entry.get('model') or ''}".strip() or identifier
+    name = _make_and_model(entry) or identifier
     try:
         width, height = int(entry["width"]), int(entry["height"])
         distortion = tuple(float(value) for value in entry.get("distortion") or ())
