@@ -2,15 +2,21 @@
 
 from __future__ import annotations
 
+import os
 import shutil
+import subprocess
+import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
+from ruamel.yaml import YAML
 
-from workbench.errors import StudyError
+from workbench.errors import RasterError, StudyError
 from workbench.params import Parameters
 from workbench.rasters import read_raster
 from workbench.studies import repeat_chain, repetitions
+from workbench.studies.repetitions import repeat_step
 from workbench.virtual import simulate_scene
 
 PARAMETERS = Parameters(simulate={"truth_resolution": 0.16})
@@ -52,22 +58,93 @@ def test_other_seeds_differ_and_the_same_seed_gives_the_same_bytes(meadow, twice
         return (folder / f"seed_{seed:03d}/data/products/meadow/ortho_dsm.tif").read_bytes()
 
     assert orthophoto(twice.folder, 1) != orthophoto(twice.folder, 2)
-    again = repetitions._repeat(meadow, PARAMETERS, 1, tmp_path, ["dsm"])
-    assert again.root == tmp_path / "seed_001"
+    repeat_step(meadow, PARAMETERS, "1/mosaic_dsm", repetitions=2, surfaces=["dsm"], folder=tmp_path)
     assert orthophoto(tmp_path, 1) == orthophoto(twice.folder, 1)
 
 
-def test_complete_repetitions_are_not_computed_again(meadow, twice, monkeypatch):
-    def forbidden(*arguments):
-        raise AssertionError("computed again")
+@pytest.fixture
+def computed(monkeypatch):
+    """Steps that are computed from here on, by name; nothing is."""
+    names = []
 
-    monkeypatch.setattr(repetitions, "orient_site", forbidden)
+    def note(name, run, parameters):
+        names.append((parameters.orient.seed, name))
+
+    monkeypatch.setattr(repetitions, "_compute", note)
+    return names
+
+
+def changed(section, **values):
+    return PARAMETERS.model_copy(update={section: getattr(PARAMETERS, section).model_copy(update=values)})
+
+
+def test_steps_that_are_done_are_not_computed_again(meadow, twice, computed):
     again = repeat_chain(meadow, PARAMETERS, repetitions=2, announce=lambda text: None)
+    assert computed == []
     assert again.table.equals(twice.table)
-    # An interrupted one lacks its last file, and is.
-    (twice.folder / "seed_002/repetition.json").unlink()
-    with pytest.raises(AssertionError, match="computed again"):
-        repeat_chain(meadow, PARAMETERS, repetitions=2, announce=lambda text: None)
+
+
+@pytest.mark.parametrize(
+    ("section", "values", "steps"),
+    [
+        ("mosaic", {"balance": False}, ["mosaic_dsm", "mosaic_mesh"]),
+        ("surface", {"min_count": 2}, ["surface", "mosaic_dsm", "mosaic_mesh"]),
+        ("study", {"identical_from": 0.9}, []),
+        ("reed", {"min_height": 1.0}, []),
+    ],
+)
+def test_a_changed_parameter_repeats_what_depends_on_it(meadow, twice, computed, section, values, steps):
+    copy = twice.folder.with_name("changed")
+    shutil.copytree(twice.folder, copy, dirs_exist_ok=True)
+    repeat_chain(meadow, changed(section, **values), repetitions=2, folder=copy, announce=lambda text: None)
+    shutil.rmtree(copy)
+    assert computed == [(seed, step) for seed in (1, 2) for step in steps]
+
+
+def test_an_interrupted_or_longer_study_computes_only_what_is_missing(meadow, twice, computed):
+    copy = twice.folder.with_name("longer")
+    shutil.copytree(twice.folder, copy)
+    (copy / "seed_002/steps/mosaic_mesh.json").unlink()
+    with pytest.raises(RasterError, match="ortho_dsm"):  # the third repetition was not really computed
+        repeat_chain(meadow, PARAMETERS, repetitions=3, folder=copy, announce=lambda text: None)
+    shutil.rmtree(copy)
+    assert computed == [
+        (2, "mosaic_mesh"),
+        *((3, s) for s in ("orient", "surface", "mosaic_dsm", "mosaic_mesh")),
+    ]
+
+
+def test_dvc_records_each_step_and_repeats_none(meadow, twice):
+    """The pipeline beside the study agrees with the study on what is done."""
+    dvc = [sys.executable, "-m", "dvc"]
+    environment = os.environ | {"PATH": f"{Path(sys.executable).parent}:{os.environ['PATH']}"}
+
+    def run(*words):
+        return subprocess.run(
+            [*dvc, *words], cwd=meadow.root, capture_output=True, text=True, env=environment, check=True
+        ).stdout
+
+    run("init", "--no-scm", "--quiet")
+    orthophoto = twice.folder / "seed_001/data/products/meadow/ortho_dsm.tif"
+    before = orthophoto.read_bytes()
+    pipeline = (twice.folder / "dvc.yaml").relative_to(meadow.root)
+    stages = YAML(typ="safe").load(twice.folder / "dvc.yaml")["stages"]
+    assert len(stages) == 2 * 4 + 1
+    assert "Running stage" in run("repro", f"{pipeline}:mosaic-dsm-1")
+    lock = YAML(typ="safe").load(twice.folder / "dvc.lock")["stages"]
+    assert set(lock) == {"orient-1", "surface-1", "mosaic-dsm-1"}
+    assert orthophoto.read_bytes() == before
+    orthophoto.unlink()
+    run("checkout", f"{pipeline}:mosaic-dsm-1")
+    assert orthophoto.read_bytes() == before
+    assert "up to date" in run("repro", f"{pipeline}:mosaic-dsm-1")
+
+
+def test_unknown_steps_and_surfaces_are_named(meadow):
+    with pytest.raises(StudyError, match="1/orient, 1/surface, 1/mosaic_dsm"):
+        repeat_step(meadow, PARAMETERS, "7/orient", repetitions=2)
+    with pytest.raises(StudyError, match="dsm, mesh"):
+        repeat_chain(meadow, PARAMETERS, repetitions=2, surfaces=["lidar"])
 
 
 def test_fewer_than_two_are_refused(meadow):

@@ -5,7 +5,13 @@ from shapely.geometry import box
 
 from workbench.errors import RasterError, StudyError
 from workbench.rasters import Grid, new_raster
-from workbench.studies import object_shifts, reproducibility, reproducible_dates
+from workbench.studies import (
+    agreement,
+    object_shifts,
+    reproducibility,
+    reproducible_dates,
+    share_by_distance,
+)
 
 GRID = Grid.from_bounds("EPSG:32633", (0, 0, 60, 40), 1.0)
 
@@ -51,6 +57,47 @@ def test_share_by_land_cover(repetitions):
 def test_tiles_do_not_matter(repetitions):
     whole, tiled = reproducibility(repetitions), reproducibility(repetitions, tile_size=16)
     np.testing.assert_array_equal(whole.layer, tiled.layer)
+
+
+def test_inside_of_crop_masks_only(repetitions):
+    result = reproducibility(repetitions)
+    crops = [
+        gpd.GeoDataFrame(geometry=[area], crs="EPSG:32633")
+        for area in (box(0, 0, 30, 40), box(10, 0, 60, 20))
+    ]
+    inside = result.within(crops).layer.values != 65535
+    expected = np.zeros(GRID.shape, bool)
+    expected[20:, 10:30] = True
+    np.testing.assert_array_equal(inside, expected)
+    assert result.within([]).share == result.share
+
+
+def test_few_repetitions_against_many(repetitions):
+    few, many = reproducibility(repetitions[:2]), reproducibility(repetitions)
+    found = agreement(few, many)
+    assert found["share_few"] >= found["share_many"]
+    # Whatever two of them tell apart, all of them do; on the right every pair differs.
+    assert found["found_any"] > 0.97
+    assert found["overlap_most"] > 0.97
+    assert found["correlation"] > 0.97
+    same = agreement(many, many)
+    assert (same["found_any"], same["overlap_most"]) == (1, 1)
+    assert same["correlation"] == pytest.approx(1)
+    equal = agreement(*[reproducibility(repetitions[:1] * 2)] * 2)
+    assert np.isnan(equal["overlap_any"])
+
+
+def test_share_by_distance_to_gaps(repetitions):
+    result = reproducibility(repetitions)
+    column = np.broadcast_to(np.arange(60), GRID.shape)
+    gaps = new_raster((column >= 42).astype(np.uint8), GRID, name="gaps", units="1")
+    area = new_raster((column < 42).astype(np.uint8), GRID, name="area", units="1")
+    table = share_by_distance(result, gaps, area, edges=(0, 5, 20))
+    # The four rows at the top are not compared.
+    assert table.pixels.tolist() == [36 * 4, 36 * 15, 36 * 23]
+    assert table.share[0] < 1
+    assert table.share[1:].tolist() == [1, 1]
+    assert table.identical[2] == 1
 
 
 def test_dates_add_up(repetitions):

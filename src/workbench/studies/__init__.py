@@ -1,17 +1,22 @@
 """Studies: running the chain many times, and comparing what comes out."""
 
 from workbench.studies.correlation import local_correlation
-from workbench.studies.reproducibility import Reproducibility, reproducibility
+from workbench.studies.registration import coregistration, follow_objects
+from workbench.studies.reproducibility import Reproducibility, agreement, reproducibility, share_by_distance
 from workbench.studies.time_series import ObjectShifts, object_shifts, reproducible_dates
 
 __all__ = [
     "ObjectShifts",
     "Reproducibility",
+    "agreement",
+    "coregistration",
+    "follow_objects",
     "local_correlation",
     "object_shifts",
     "repeat_chain",
     "reproducibility",
     "reproducible_dates",
+    "share_by_distance",
 ]
 
 

@@ -6,9 +6,8 @@ import json
 import shutil
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from hashlib import sha256
 from pathlib import Path
-from typing import Literal
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -24,10 +23,14 @@ from workbench.rasters import Grid, match_grid, read_raster, write_raster
 from workbench.site import Site
 from workbench.site.tables import read_table
 from workbench.stages import FOLDERS, read_json, write_json
+from workbench.studies.keys import hash_of, hash_of_code
+from workbench.studies.repetition_pipeline import write_pipeline
 from workbench.studies.reproducibility import Reproducibility, reproducibility
 from workbench.surface import surface_site
+from workbench.vectors import read_vector
 
-Surface = Literal["dsm", "mesh"]
+SURFACES = ("dsm", "mesh")
+"""Surfaces that mosaics can be compared on, as ``mosaic.surface`` names them."""
 _TREES = ("broadleaf", "conifer", "dead_tree", "forest_floor")
 
 
@@ -53,16 +56,17 @@ def repeat_chain(
     parameters: Parameters,
     *,
     repetitions: int | None = None,
-    surfaces: Sequence[Surface] = ("dsm", "mesh"),
+    surfaces: Sequence[str] = SURFACES,
     folder: Path | None = None,
     announce: Callable[[str], None] = print,
 ) -> Repetitions:
     """Run the chain several times with other seeds, and compare the mosaics pixel by pixel.
 
-    Every repetition orients, matches, makes the surface and a mosaic on each of ``surfaces``. It is kept
-    in a folder of its own; one that is complete is not computed again, so that an interrupted study
-    continues, and more repetitions are added to those that exist. Of a repetition the mosaics and the
-    metrics are kept, not the disparities.
+    Every repetition orients, matches, makes the surface and a mosaic on each of ``surfaces``, in a folder
+    of its own. Each of these steps is kept, and computed again only if what it depends on has changed:
+    photographs, its parameters, the step before, or the code. So an interrupted study continues, more
+    repetitions or another surface are added to those that exist, and a changed parameter of the mosaic
+    repeats the mosaics alone. Disparities are removed once the surface is made.
 
     Parameters
     ----------
@@ -73,103 +77,203 @@ def repeat_chain(
     repetitions
         Number of runs, at least 2; None takes ``study.repetitions``.
     surfaces
-        Surfaces for the mosaics.
+        Surfaces for the mosaics, of :data:`SURFACES`.
     folder
         None: ``data/studies/reproducibility/<site>`` below the root.
 
     Returns
     -------
     Repetitions
-        Also written: ``reproducibility_<surface>.tif``, ``reproducibility.csv``, ``errors.csv``,
-        ``environment.json``.
+        Also written: ``reproducibility_<surface>.tif``, ``reproducibility.csv``, ``histogram.csv``,
+        ``errors.csv``, ``environment.json``, and ``dvc.yaml``, the same steps as stages of DVC.
 
     Raises
     ------
     StudyError
-        If fewer than two repetitions are asked for, or their mosaics have no common area.
+        If fewer than two repetitions are asked for, a surface is unknown, or the mosaics have no common
+        area.
     """
-    count = parameters.study.repetitions if repetitions is None else repetitions
-    if count < 2:
-        raise StudyError(f"{count} repetition(s): reproducibility needs at least two.")
-    folder = folder or site.root / "data" / "studies" / "reproducibility" / site.name
-    folder.mkdir(parents=True, exist_ok=True)
-    runs: list[Site] = []
-    for number in range(count):
-        announce(f"repetition {number + 1} of {count} ...")
-        parameters = _with_cells_of(runs, parameters)
-        runs.append(_repeat(site, parameters, parameters.orient.seed + number, folder, surfaces))
-    by_surface: dict[str, Reproducibility] = {}
-    tables = []
-    for surface in surfaces:
-        mosaics = _on_common_grid([read_raster(_mosaic(run, surface)) for run in runs])
-        result = reproducibility(
-            mosaics,
-            window=parameters.study.correlation_window,
-            threshold=parameters.study.identical_from,
-            method=parameters.study.correlation_method,
-        )
-        write_raster(result.layer, folder / f"reproducibility_{surface}.tif")
-        by_surface[surface] = result
-        tables.append(_shares(result, site).assign(surface=surface))
-    table = pd.concat(tables)[["surface", "cover", "pixels", "share"]]
-    errors = _errors(runs)
-    table.to_csv(folder / "reproducibility.csv", index=False, lineterminator="\n", float_format="%.6g")
-    errors.to_csv(folder / "errors.csv", index=False, lineterminator="\n", float_format="%.6g")
-    write_json(describe_environment(), folder / "environment.json")
-    return Repetitions(folder, by_surface, table, errors)
+    study = _Study(site, parameters, repetitions, surfaces, folder)
+    study.folder.mkdir(parents=True, exist_ok=True)
+    if folder is None:
+        write_pipeline(site, parameters, study.seeds, surfaces, study.folder)
+    for number, seed in enumerate(study.seeds, start=1):
+        announce(f"repetition {number} of {len(study.seeds)} ...")
+        study.run(seed)
+    return study.compare()
 
 
-def _repeat(site: Site, parameters: Parameters, seed: int, folder: Path, surfaces: Sequence[Surface]) -> Site:
-    """One repetition, unless it is complete; a site whose products are those of the repetition."""
-    seeded = parameters.model_copy(update={"orient": parameters.orient.model_copy(update={"seed": seed})})
-    key = _key(site, seeded)
-    run = replace(site, root=folder / f"seed_{seed:03d}")
-    wanted = {surface: _mosaic(run, surface) for surface in surfaces}
-    done = run.root / "repetition.json"
-    if done.exists():
-        noted = json.loads(done.read_text(encoding="utf-8"))
-        if noted["key"] == key and all(path.exists() for path in wanted.values()):
-            return run
-        # Other parameters or photographs: what is there belongs to another study.
-        shutil.rmtree(run.root)
-    for stage in (orient_site, match_site, surface_site):
-        stage(run, seeded)
-    for surface, path in wanted.items():
-        mosaic_site(
-            run, seeded.model_copy(update={"mosaic": seeded.mosaic.model_copy(update={"surface": surface})})
-        )
-        (run.products / FOLDERS["mosaic"] / "ortho.tif").replace(path)
-    shutil.rmtree(run.products / FOLDERS["match"])
-    write_json({"key": key, "seed": seed}, done)
-    return run
+def repeat_step(
+    site: Site,
+    parameters: Parameters,
+    step: str,
+    *,
+    repetitions: int | None = None,
+    surfaces: Sequence[str] = SURFACES,
+    folder: Path | None = None,
+) -> None:
+    """One step of :func:`repeat_chain`, as a stage of DVC calls it.
+
+    Parameters
+    ----------
+    step
+        ``<seed>/orient``, ``<seed>/surface`` (with the matching before it), ``<seed>/mosaic_<surface>``, or
+        ``compare``.
+
+    Raises
+    ------
+    StudyError
+        As :func:`repeat_chain`; and if there is no such step.
+    """
+    study = _Study(site, parameters, repetitions, surfaces, folder)
+    steps = {f"{seed}/{name}": (seed, name) for seed in study.seeds for name in study.steps}
+    if step == "compare":
+        study.compare()
+    elif step in steps:
+        seed, name = steps[step]
+        study.run(seed, until=name)
+    else:
+        raise StudyError(f"No step '{step}'; there are {', '.join([*steps, 'compare'])}.")
+
+
+class _Study:
+    """The repetitions of a site: where they are, and which of their steps are done."""
+
+    def __init__(
+        self,
+        site: Site,
+        parameters: Parameters,
+        repetitions: int | None,
+        surfaces: Sequence[str],
+        folder: Path | None,
+    ) -> None:
+        count = parameters.study.repetitions if repetitions is None else repetitions
+        if count < 2:
+            raise StudyError(f"{count} repetition(s): reproducibility needs at least two.")
+        unknown = sorted(set(surfaces) - set(SURFACES))
+        if unknown or not surfaces:
+            raise StudyError(f"Surfaces {unknown}: choose of {', '.join(SURFACES)}.")
+        self.site, self.parameters, self.surfaces = site, parameters, surfaces
+        self.folder = folder or site.root / "data" / "studies" / "reproducibility" / site.name
+        first = parameters.orient.seed
+        self.seeds = range(first, first + count)
+        self.steps = ("orient", "surface", *(f"mosaic_{surface}" for surface in surfaces))
+
+    def run(self, seed: int, until: str | None = None) -> Site:
+        """Bring one repetition up to a step (all by default); a site whose products are its own."""
+        run = self.repetition(seed)
+        parameters = self._seeded(seed)
+        before = _origin_key(self.site)
+        for name in self.steps:
+            done = run.root / "steps" / f"{name}.json"
+            key = _step_key(name, parameters, before)
+            if not _is_done(done, key):
+                done.unlink(missing_ok=True)
+                _compute(name, run, parameters)
+                done.parent.mkdir(parents=True, exist_ok=True)
+                write_json({"key": key, "seed": seed, "step": name}, done)
+            if name in ("orient", "surface"):
+                before = key
+            if name == until:
+                break
+        return run
+
+    def repetition(self, seed: int) -> Site:
+        """The site with the products of one repetition."""
+        return replace(self.site, root=self.folder / f"seed_{seed:03d}")
+
+    def compare(self) -> Repetitions:
+        """Compare the mosaics of all repetitions, and write what comes out."""
+        runs = [self.repetition(seed) for seed in self.seeds]
+        by_surface: dict[str, Reproducibility] = {}
+        tables, histograms = [], []
+        study = self.parameters.study
+        for surface in self.surfaces:
+            mosaics = _on_common_grid([read_raster(_mosaic(run, surface)) for run in runs])
+            result = reproducibility(
+                mosaics,
+                window=study.correlation_window,
+                threshold=study.identical_from,
+                method=study.correlation_method,
+            )
+            if study.crop:
+                crops = [run.products / f"crop_{surface}.gpkg" for run in runs]
+                result = result.within([read_vector(path) for path in crops if path.exists()])
+            write_raster(result.layer, self.folder / f"reproducibility_{surface}.tif")
+            by_surface[surface] = result
+            tables.append(_shares(result, self.site).assign(surface=surface))
+            histograms.append(result.histogram().assign(surface=surface))
+        table = pd.concat(tables)[["surface", "cover", "pixels", "share"]]
+        errors = _errors(runs, self.seeds)
+        frames = {"reproducibility": table, "histogram": pd.concat(histograms), "errors": errors}
+        for name, frame in frames.items():
+            frame.to_csv(self.folder / f"{name}.csv", index=False, lineterminator="\n", float_format="%.6g")
+        write_json(describe_environment(), self.folder / "environment.json")
+        return Repetitions(self.folder, by_surface, table, errors)
+
+    def _seeded(self, seed: int) -> Parameters:
+        """Parameters of a repetition; the cell sizes are those of the first, however later poses round."""
+        updates: dict[str, Any] = {"orient": self.parameters.orient.model_copy(update={"seed": seed})}
+        first = self.repetition(self.seeds[0]).products
+        sizes = {
+            "surface": (first / FOLDERS["surface"] / "metrics.json", "cells_m"),
+            "mosaic": (first / f"mosaic_{self.surfaces[0]}.json", "resolution_m"),
+        }
+        for section, (path, name) in sizes.items():
+            if seed != self.seeds[0] and path.exists():
+                values = getattr(self.parameters, section)
+                # Without the noise of float coordinates, so that the cells of all repetitions fall together.
+                cell = round(read_json(path)[name], 9)
+                updates[section] = values.model_copy(update={"resolution": cell})
+        return self.parameters.model_copy(update=updates)
+
+
+def _compute(name: str, run: Site, parameters: Parameters) -> None:
+    if name == "orient":
+        shutil.rmtree(run.products / FOLDERS["match"], ignore_errors=True)  # of other poses
+        orient_site(run, parameters)
+        shutil.rmtree(run.products / FOLDERS["orient"] / "work", ignore_errors=True)
+    elif name == "surface":
+        match_site(run, parameters)
+        surface_site(run, parameters)
+        shutil.rmtree(run.products / FOLDERS["match"])
+    else:
+        surface = name.removeprefix("mosaic_")
+        mosaic = parameters.mosaic.model_copy(update={"surface": surface})
+        mosaic_site(run, parameters.model_copy(update={"mosaic": mosaic}))
+        folder = run.products / FOLDERS["mosaic"]
+        for product, kept in (
+            ("ortho.tif", f"ortho_{surface}.tif"),
+            ("crop.gpkg", f"crop_{surface}.gpkg"),
+            ("metrics.json", f"mosaic_{surface}.json"),
+        ):
+            if (folder / product).exists():
+                (folder / product).replace(run.products / kept)
+        shutil.rmtree(folder)
+
+
+def _is_done(path: Path, key: str) -> bool:
+    return path.exists() and json.loads(path.read_text(encoding="utf-8"))["key"] == key
 
 
 def _mosaic(run: Site, surface: str) -> Path:
     return run.products / f"ortho_{surface}.tif"
 
 
-def _key(site: Site, parameters: Parameters) -> str:
-    """Changes with everything that a repetition depends on: photographs and parameters of the chain."""
-    sections = ("orient", "match", "surface", "mosaic")
-    chain = {name: getattr(parameters, name).model_dump(mode="json") for name in sections}
-    chain["mosaic"].pop("surface")
-    photographs = [(p.name, p.path.stat().st_size) for p in site.photographs]
-    text = json.dumps([site.name, str(site.crs), photographs, chain], sort_keys=True)
-    return sha256(text.encode()).hexdigest()[:16]
+def _origin_key(site: Site) -> str:
+    """Changes with the photographs and what the site says of them."""
+    photographs = [(p.name, p.path.stat().st_size, p.position) for p in site.photographs]
+    terrain = site.dtm and (site.dtm.name, site.dtm.stat().st_size)
+    known = [site.control, site.observations, sorted(site.cameras.items()), terrain]
+    return hash_of([site.name, str(site.crs), photographs, repr(known)])
 
 
-def _with_cells_of(runs: Sequence[Site], parameters: Parameters) -> Parameters:
-    """After the first repetition its cell sizes hold for all, however the later poses round."""
-    if len(runs) != 1:
-        return parameters
-    surface = read_json(runs[0].products / FOLDERS["surface"] / "metrics.json")["cells_m"]
-    mosaic = read_json(runs[0].products / FOLDERS["mosaic"] / "metrics.json")["resolution_m"]
-    return parameters.model_copy(
-        update={
-            "surface": parameters.surface.model_copy(update={"resolution": surface}),
-            "mosaic": parameters.mosaic.model_copy(update={"resolution": mosaic}),
-        }
-    )
+def _step_key(name: str, parameters: Parameters, before: str) -> str:
+    sections = {"orient": ("orient",), "surface": ("match", "surface")}.get(name, ("mosaic",))
+    packages = {"orient": ("orientation",), "surface": ("matching", "surface")}.get(name, ("mosaic",))
+    values = {section: getattr(parameters, section).model_dump(mode="json") for section in sections}
+    values.get("mosaic", {}).pop("surface", None)  # named by the step
+    return hash_of([name, values, before, [hash_of_code(package) for package in packages]])
 
 
 def _on_common_grid(mosaics: Sequence[xr.DataArray]) -> list[xr.DataArray]:
@@ -209,12 +313,11 @@ def _together(rows: pd.DataFrame, name: str) -> pd.DataFrame:
     return pd.DataFrame([{"cover": name, "pixels": pixels, "share": share}])
 
 
-def _errors(runs: Sequence[Site]) -> pd.DataFrame:
+def _errors(runs: Sequence[Site], seeds: Sequence[int]) -> pd.DataFrame:
     """Errors of control and check points of every repetition [orthomosaic paper, table 2]."""
     rows: list[Mapping[str, object]] = []
-    for run in runs:
+    for run, seed in zip(runs, seeds, strict=True):
         metrics = read_json(run.products / FOLDERS["orient"] / "metrics.json")
-        seed = json.loads((run.root / "repetition.json").read_text(encoding="utf-8"))["seed"]
         names = [f"{role}_rms_{axis}_m" for role in ("control", "check") for axis in ("xy", "z")]
         rows.append({"seed": seed, **{name: metrics[name] for name in names}})
     return pd.DataFrame(rows)

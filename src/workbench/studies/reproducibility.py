@@ -4,11 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from itertools import combinations
+from itertools import combinations, pairwise
 
+import geopandas as gpd
 import numpy as np
 import pandas as pd
+import rasterio.features
 import xarray as xr
+from scipy import ndimage
 
 from workbench.errors import StudyError
 from workbench.params import StudyParameters
@@ -28,6 +31,16 @@ class Reproducibility:
     """uint16: number of pairs in which a pixel is identical, 0..n; 65535 where it is not compared."""
     pairs: int
     """n, the number of pairs."""
+
+    def within(self, areas: Sequence[gpd.GeoDataFrame]) -> Reproducibility:
+        """The same, compared only inside of all areas, such as the crop masks of the mosaics."""
+        grid = Grid.of(self.layer)
+        inside = np.ones(grid.shape, bool)
+        for area in areas:
+            shapes = list(area.to_crs(grid.crs).geometry)
+            inside &= rasterio.features.geometry_mask(shapes, grid.shape, grid.transform, invert=True)
+        kept = self.layer.copy(data=np.where(inside, self.layer.values, np.uint16(NOT_COMPARED)))
+        return Reproducibility(kept, self.pairs)
 
     @property
     def share(self) -> float:
@@ -123,6 +136,81 @@ def reproducibility(
         pairs=len(pairs),
     )
     return Reproducibility(raster, len(pairs))
+
+
+def agreement(few: Reproducibility, many: Reproducibility) -> dict[str, float]:
+    """Whether few repetitions find the regions that many find [orthomosaic paper 3.2, finding O07].
+
+    Two kinds of regions: cells that any pair tells apart (which grow with the number of pairs), and cells
+    that most pairs tell apart.
+
+    Returns
+    -------
+    dict
+        ``share_few`` and ``share_many`` (reproducible in all pairs); for both kinds ``found_<kind>`` (share
+        of the region of many that few find) and ``overlap_<kind>`` (intersection over union; NaN without
+        any); ``correlation`` of the shares of identical pairs, over all cells.
+
+    Raises
+    ------
+    RasterError
+        If both lie on different grids.
+    """
+    require_same_grid(few.layer, many.layer)
+    both = (few.layer.values != NOT_COMPARED) & (many.layer.values != NOT_COMPARED)
+    a, b = few.layer.values[both] / few.pairs, many.layer.values[both] / many.pairs
+    result = {"share_few": float((a == 1).mean()), "share_many": float((b == 1).mean())}
+    for kind, least in (("any", 1.0), ("most", 0.5)):
+        x, y = a < least, b < least
+        result[f"found_{kind}"] = float((x & y).sum() / y.sum()) if y.any() else float("nan")
+        result[f"overlap_{kind}"] = float((x & y).sum() / (x | y).sum()) if (x | y).any() else float("nan")
+    varied = a.size > 1 and np.ptp(a) > 0 and np.ptp(b) > 0
+    result["correlation"] = float(np.corrcoef(a, b)[0, 1]) if varied else float("nan")
+    return result
+
+
+def share_by_distance(
+    result: Reproducibility, gaps: xr.DataArray, area: xr.DataArray, *, edges: Sequence[float]
+) -> pd.DataFrame:
+    """Reproducibility by the distance to the nearest gap [orthomosaic paper 3.2, finding O08].
+
+    Parameters
+    ----------
+    gaps
+        Boolean: clearings and dead trees.
+    area
+        Boolean: cells that count, such as crowns.
+    edges
+        Ascending distances, metres; the last class is open.
+
+    Returns
+    -------
+    DataFrame
+        ``from_m``, ``to_m``, ``pixels``, ``share`` (reproducible in all pairs), ``identical`` (mean share of
+        the pairs).
+
+    Raises
+    ------
+    RasterError
+        If the rasters lie on different grids.
+    """
+    require_same_grid(result.layer, gaps)
+    require_same_grid(result.layer, area)
+    distance = ndimage.distance_transform_edt(~gaps.values.astype(bool)) * Grid.of(gaps).resolution
+    counts = (result.layer.values != NOT_COMPARED) & area.values.astype(bool)
+    rows = []
+    for low, high in pairwise([*edges, float("inf")]):
+        inside = result.layer.values[counts & (distance >= low) & (distance < high)]
+        rows.append(
+            {
+                "from_m": low,
+                "to_m": high,
+                "pixels": inside.size,
+                "share": _share(inside, result.pairs),
+                "identical": float(inside.mean() / result.pairs) if inside.size else float("nan"),
+            }
+        )
+    return pd.DataFrame(rows)
 
 
 def _as_float(array: np.ndarray, nodata: float | None) -> np.ndarray:
