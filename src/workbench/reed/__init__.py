@@ -1,6 +1,13 @@
 """Aquatic reed: heights, extent, density, front and status [reed paper 2.5]."""
 
-from workbench.reed.accuracy import Agreement, density_agreement, extent_agreement, status_agreement
+from workbench.reed.accuracy import (
+    Agreement,
+    References,
+    agreements,
+    density_agreement,
+    extent_agreement,
+    status_agreement,
+)
 from workbench.reed.change import ReedChange, compare_dates
 from workbench.reed.density import CellStatistics, cell_statistics, classify_cells, density_cells
 from workbench.reed.extent import ReedExtent, extent, lake_side, map_extent
@@ -14,7 +21,7 @@ from workbench.reed.heights import (
     object_height,
 )
 from workbench.reed.measure import ReedMetrics, ReedModel, measure_reed
-from workbench.reed.stage import load_model, reed_site
+from workbench.reed.stage import load_model, load_references, reed_site
 from workbench.reed.status import arsi, assess_sections, classify
 from workbench.reed.transects import lay_transects, strips
 from workbench.reed.uncertainty import Uncertainty, propagate, sensitivity
@@ -28,8 +35,10 @@ __all__ = [
     "ReedExtent",
     "ReedMetrics",
     "ReedModel",
+    "References",
     "Uncertainty",
     "agreement_by_area",
+    "agreements",
     "arsi",
     "assess_sections",
     "cell_statistics",
@@ -45,6 +54,7 @@ __all__ = [
     "lake_side",
     "lay_transects",
     "load_model",
+    "load_references",
     "map_extent",
     "measure_reed",
     "object_height",

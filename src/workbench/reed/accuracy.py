@@ -13,6 +13,7 @@ from workbench.assessment.error_matrix import ErrorMatrix, error_matrix
 from workbench.errors import ReedError
 from workbench.params import ReedParameters
 from workbench.reed.extent import ReedExtent
+from workbench.reed.measure import ReedMetrics
 from workbench.reed.status import EXCLUDED, HEALTHY, STRESSED
 
 _DEFAULTS = ReedParameters()
@@ -31,6 +32,34 @@ class Agreement:
     """Every sample with ``classified`` and ``reference``."""
     left_out: int
     """Samples without a class: surface unknown, or section excluded."""
+
+
+@dataclass(frozen=True, eq=False)
+class References:
+    """What is known of the reed from elsewhere: a field campaign, an interpreted orthophoto."""
+
+    points: pd.DataFrame | None = None
+    """As :func:`workbench.reed.read_field_points`."""
+    plots: pd.DataFrame | None = None
+    """As :func:`workbench.reed.read_plots`."""
+    status: pd.DataFrame | None = None
+    """``aoi``, ``section``, ``status`` (healthy or stressed)."""
+
+
+def agreements(
+    metrics: ReedMetrics, references: References, *, dense_stems: float = _DEFAULTS.plot_dense_stems
+) -> dict[str, Agreement]:
+    """Error matrices of ``extent``, ``density`` and ``status``, of those that there is a reference for."""
+    found: dict[str, Agreement] = {}
+    if references.points is not None:
+        found["extent"] = extent_agreement(references.points, metrics.extent)
+    if references.plots is not None:
+        found["density"] = density_agreement(
+            references.plots, references.points, metrics.cells, metrics.extent, dense_stems=dense_stems
+        )
+    if references.status is not None and len(metrics.sections):
+        found["status"] = status_agreement(metrics.sections, references.status)
+    return found
 
 
 def extent_agreement(points: pd.DataFrame, extent: ReedExtent) -> Agreement:

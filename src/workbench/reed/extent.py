@@ -6,6 +6,7 @@ What has no height is neither reed nor water: it is unknown, and is mapped and c
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import chain
 from typing import TypeAlias
 
 import geopandas as gpd
@@ -25,6 +26,22 @@ _DEFAULTS = ReedParameters()
 _ALL_NEIGHBOURS = np.ones((3, 3), dtype=bool)
 
 Shoreline: TypeAlias = gpd.GeoDataFrame | gpd.GeoSeries | BaseGeometry
+
+
+@dataclass(frozen=True, eq=False)
+class LakeGround:
+    """The lake side within a raster."""
+
+    unknown: BaseGeometry
+    """MultiPolygon of what has no height."""
+    lake: BaseGeometry
+    """All of it."""
+    shore: BaseGeometry
+    """The shoreline, lines."""
+    grid: Grid
+    """Cells of the raster."""
+    near: np.ndarray
+    """(rows, columns) cells that the lake side touches, so that the exact cut can follow."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,6 +124,7 @@ def map_extent(
     min_area: float = _DEFAULTS.min_area,
     min_hole: float = _DEFAULTS.min_hole,
     sliver_width: float = _DEFAULTS.sliver_width,
+    ground: LakeGround | None = None,
 ) -> ReedExtent:
     """Map reed and unknown areas on an object height model.
 
@@ -128,6 +146,8 @@ def map_extent(
         Smaller gaps are closed, m².
     sliver_width
         Patches at the shoreline that are narrower than this everywhere are dropped, m.
+    ground
+        As :func:`survey_ground` gives it for this raster and shoreline, where it is known already.
 
     Raises
     ------
@@ -136,23 +156,37 @@ def map_extent(
     """
     if not 0 <= min_height < max_height:
         raise ReedError(f"Reed between {min_height} and {max_height} m: give 0 <= minimum < maximum.")
-    grid = Grid.of(ohm)
+    ground = ground or survey_ground(ohm, shoreline)
+    heights = ohm.values
+    with np.errstate(invalid="ignore"):
+        reed = (heights > min_height) & (heights < max_height) & ground.near
+    reed = _cleaned(reed, np.isfinite(heights), ground.grid, min_area, min_hole)
+    patches = _polygons(reed, ground.grid)
+    if shoreline is not None:
+        patches = _cut(patches, ground.lake, min_area, sliver_width)
+    return ReedExtent(shapely.multipolygons(patches), ground.unknown, ground.lake, ground.shore, ground.grid)
+
+
+def survey_ground(heights: xr.DataArray, shoreline: Shoreline | None = None) -> LakeGround:
+    """What does not depend on any threshold: where the lake is, and where heights are missing.
+
+    Raises
+    ------
+    ReedError
+        As :func:`lake_side`.
+    """
+    grid = Grid.of(heights)
     frame = shapely.box(*grid.bounds)
     lake = frame if shoreline is None else lake_side(shoreline, grid)
-    shore = shapely.LineString() if shoreline is None else _shoreline(lake, frame)
-    heights = ohm.values
-    near_lake = _rasterised(lake, grid)
-    known = np.isfinite(heights)
-    with np.errstate(invalid="ignore"):
-        reed = (heights > min_height) & (heights < max_height) & near_lake
-    reed = _cleaned(reed, known, grid, min_area, min_hole)
-    patches = _polygons(reed, grid)
-    if shoreline is not None:
-        patches = _cut(patches, lake, min_area, sliver_width)
-    gaps = _polygons(~known & near_lake, grid)
+    # The outline of the lake side without the border of the raster.
+    shore = shapely.difference(lake.boundary, shapely.buffer(frame.boundary, 1e-6))
+    near = rasterio.features.rasterize(
+        [lake], out_shape=grid.shape, transform=grid.transform, all_touched=True, dtype="uint8"
+    ).astype(bool)
+    gaps = _polygons(~np.isfinite(heights.values) & near, grid)
     if shoreline is not None:
         gaps = _cut(gaps, lake, 0.0, 0.0)
-    return ReedExtent(shapely.multipolygons(patches), shapely.multipolygons(gaps), lake, shore, grid)
+    return LakeGround(shapely.multipolygons(gaps), lake, shore, grid, near)
 
 
 def lake_side(shoreline: Shoreline, grid: Grid) -> BaseGeometry:
@@ -188,18 +222,6 @@ def lake_side(shoreline: Shoreline, grid: Grid) -> BaseGeometry:
     return shapely.multipolygons(parts)
 
 
-def _shoreline(lake: BaseGeometry, frame: BaseGeometry) -> BaseGeometry:
-    """Outline of the lake side without the border of the raster."""
-    return shapely.difference(lake.boundary, shapely.buffer(frame.boundary, 1e-6))
-
-
-def _rasterised(shape: BaseGeometry, grid: Grid) -> np.ndarray:
-    """Every cell that a shape touches, so that the exact cut can follow."""
-    return rasterio.features.rasterize(
-        [shape], out_shape=grid.shape, transform=grid.transform, all_touched=True, dtype="uint8"
-    ).astype(bool)
-
-
 def _cleaned(reed: np.ndarray, known: np.ndarray, grid: Grid, min_area: float, min_hole: float) -> np.ndarray:
     """Without small gaps of known height, then without small patches."""
     cell = grid.resolution**2
@@ -221,11 +243,20 @@ def _cleaned(reed: np.ndarray, known: np.ndarray, grid: Grid, min_area: float, m
 
 
 def _polygons(mask: np.ndarray, grid: Grid) -> np.ndarray:
+    """Polygons of the four-connected patches of a mask."""
     shapes = rasterio.features.shapes(
         mask.view(np.uint8), mask=mask, connectivity=4, transform=grid.transform
     )
-    rings = [shapely.Polygon(shape["coordinates"][0], shape["coordinates"][1:]) for shape, _ in shapes]
-    return np.array(rings, dtype=object)
+    patches = [shape["coordinates"] for shape, _ in shapes]
+    if not patches:
+        return np.array([], dtype=object)
+    loops = [loop for patch in patches for loop in patch]
+    sizes = np.array([len(loop) for loop in loops])
+    corners = np.fromiter(chain.from_iterable(chain.from_iterable(loops)), dtype=float).reshape(-1, 2)
+    rings = shapely.linearrings(corners, indices=np.repeat(np.arange(len(loops)), sizes))
+    # The first ring of a patch is its outline, the others are its holes.
+    patch = np.repeat(np.arange(len(patches)), [len(loops) for loops in patches])
+    return shapely.polygons(rings, indices=patch)
 
 
 def _cut(patches: np.ndarray, lake: BaseGeometry, min_area: float, sliver_width: float) -> np.ndarray:

@@ -16,7 +16,7 @@ from workbench.errors import ReedError
 from workbench.params import ReedParameters
 from workbench.rasters import Grid
 from workbench.reed.density import CellStatistics, cell_statistics, classify_cells, reed_area
-from workbench.reed.extent import ReedExtent, Shoreline, map_extent
+from workbench.reed.extent import ReedExtent, Shoreline, map_extent, survey_ground
 from workbench.reed.front import Front, trace_front
 from workbench.reed.heights import object_height
 from workbench.reed.status import EXCLUDED, HEALTHY, STRESSED, assess_sections
@@ -127,6 +127,7 @@ class ReedModel:
         self.computed = ()
         ohm = self._step("ohm", level, lambda: object_height(self.dsm, level))
         for_extent = (level, o.min_height, o.max_height, o.min_area, o.min_hole, o.sliver_width)
+        ground = self._step("ground", (), lambda: survey_ground(ohm, self.shoreline))
         extent = self._step(
             "extent",
             for_extent,
@@ -138,6 +139,7 @@ class ReedModel:
                 min_area=o.min_area,
                 min_hole=o.min_hole,
                 sliver_width=o.sliver_width,
+                ground=ground,
             ),
         )
         for_cells = (level, o.cell_size, o.cell_weights, o.cell_variance)

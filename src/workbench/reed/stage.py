@@ -11,7 +11,7 @@ import pandas as pd
 from workbench.errors import ReedError
 from workbench.params import Parameters, ReedParameters
 from workbench.rasters import read_raster, require_heights, write_raster
-from workbench.reed.accuracy import Agreement, density_agreement, extent_agreement, status_agreement
+from workbench.reed.accuracy import References, agreements
 from workbench.reed.field import read_field_points, read_plots
 from workbench.reed.heights import agreement_by_area, compare_heights
 from workbench.reed.measure import ReedMetrics, ReedModel
@@ -88,6 +88,21 @@ def load_model(site: Site, options: ReedParameters | None = None) -> ReedModel:
     )
 
 
+def load_references(site: Site) -> References:
+    """Field points, plots and interpreted status of a site, as far as it has them.
+
+    Raises
+    ------
+    SiteError, ReedError
+        If a table of the campaign cannot be read.
+    """
+    return References(
+        None if site.field_points is None else read_field_points(site.field_points),
+        None if site.plots is None else read_plots(site.plots),
+        None if site.reference_status is None else read_vector(site.reference_status),
+    )
+
+
 def _layers(metrics: ReedMetrics) -> dict[str, gpd.GeoDataFrame]:
     crs = metrics.extent.grid.crs
     unknown = metrics.extent.unknown
@@ -116,23 +131,15 @@ def _by_area(metrics: ReedMetrics) -> dict[str, dict[str, Any]]:
 
 def _compare(site: Site, metrics: ReedMetrics, options: ReedParameters, stage: Stage) -> None:
     """Heights, extent, density and status against whatever the site has of a campaign."""
-    points = None if site.field_points is None else read_field_points(site.field_points)
-    matrices: dict[str, Agreement] = {}
-    if points is not None:
-        compared = compare_heights(metrics.ohm, points, radius=options.point_radius)
+    references = load_references(site)
+    if references.points is not None:
+        compared = compare_heights(metrics.ohm, references.points, radius=options.point_radius)
         _write_table(compared, stage.path("heights.csv"))
         agreement = agreement_by_area(compared).set_index("aoi")
         stage.metrics["heights"] = agreement.to_dict("index")
         stage.metrics["heights_left_out"] = int(len(compared) - agreement.n["total"])
-        matrices["extent"] = extent_agreement(points, metrics.extent)
-    if site.plots is not None:
-        plots = read_plots(site.plots)
-        matrices["density"] = density_agreement(
-            plots, points, metrics.cells, metrics.extent, dense_stems=options.plot_dense_stems
-        )
-    if site.reference_status is not None and len(metrics.sections):
-        matrices["status"] = status_agreement(metrics.sections, read_vector(site.reference_status))
-    for name, agreement_ in matrices.items():
+    found = agreements(metrics, references, dense_stems=options.plot_dense_stems)
+    for name, agreement_ in found.items():
         matrix = agreement_.matrix
         _write_table(matrix.intervals(), stage.path(f"matrix_{name}.csv"))
         stage.metrics[f"{name}_matrix"] = {
