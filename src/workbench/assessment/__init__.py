@@ -2,7 +2,12 @@
 
 from workbench.assessment.crowns import CrownComparison, compare_crowns, topological_case
 from workbench.assessment.error_matrix import ErrorMatrix, error_matrix, verbal_agreement
-from workbench.assessment.reference_trees import extrapolate_tops, read_reference_trees, thick_enough
+from workbench.assessment.reference_trees import (
+    extrapolate_tops,
+    read_reference_trees,
+    site_reference_trees,
+    thick_enough,
+)
 from workbench.assessment.sampling import mask_accuracy, sample_points
 from workbench.assessment.surfaces import height_errors
 from workbench.assessment.tree_matching import TreeMatch, match_trees
@@ -20,6 +25,7 @@ __all__ = [
     "match_trees",
     "read_reference_trees",
     "sample_points",
+    "site_reference_trees",
     "thick_enough",
     "topological_case",
     "verbal_agreement",

@@ -13,8 +13,10 @@ import xarray as xr
 
 from workbench.errors import AssessmentError
 from workbench.params import AssessParameters
-from workbench.rasters import Grid
+from workbench.rasters import Grid, read_raster
+from workbench.site import Site
 from workbench.site.tables import number, read_table
+from workbench.stages import FOLDERS
 from workbench.vectors import read_vector
 
 _DEFAULTS = AssessParameters()
@@ -86,6 +88,40 @@ def extrapolate_tops(stems: gpd.GeoDataFrame, surface: xr.DataArray) -> gpd.GeoD
     moved = stems.geometry.to_numpy().copy()
     moved[known] = gpd.points_from_xy(x[known], y[known])
     return stems.set_geometry(gpd.GeoSeries(moved, index=stems.index, crs=stems.crs))
+
+
+def site_reference_trees(
+    site: Site, options: AssessParameters, crs: Any, *, min_height: float = 3.0
+) -> dict[str, gpd.GeoDataFrame]:
+    """Reference trees of a site by kind, points at their tops.
+
+    Returns
+    -------
+    dict
+        ``surveyed``: stems of the site's table that are thick enough, moved to where they reach the
+        surface; of a virtual site besides ``true``: all trees from ``min_height`` (metres) on, and
+        ``visible``: those of them that are seen from above. Kinds that the site lacks are left out.
+
+    Raises
+    ------
+    AssessmentError, SiteError, VectorError
+        As :func:`read_reference_trees`.
+    """
+    references = {}
+    if site.reference_trees is not None:
+        stems = thick_enough(
+            read_reference_trees(site.reference_trees, crs),
+            {"broadleaf": options.smallest_dbh_broadleaf, "conifer": options.smallest_dbh_conifer},
+        )
+        dsm = site.products / FOLDERS["surface"] / "dsm.tif"
+        references["surveyed"] = extrapolate_tops(stems, read_raster(dsm)) if dsm.exists() else stems
+    if site.truth is not None:
+        trees = read_vector(site.truth / "trees.gpkg", crs=crs)
+        points = trees.set_geometry(gpd.points_from_xy(trees["top_x"], trees["top_y"], crs=crs))
+        tall = points[points["height_m"] >= min_height].reset_index(drop=True)
+        references["true"] = tall
+        references["visible"] = tall[tall["visible"]].reset_index(drop=True)
+    return references
 
 
 def thick_enough(stems: gpd.GeoDataFrame, smallest: Mapping[str, float] = SMALLEST_DBH) -> gpd.GeoDataFrame:

@@ -11,7 +11,7 @@ import pandas as pd
 import xarray as xr
 
 from workbench.assessment.crowns import compare_crowns
-from workbench.assessment.reference_trees import extrapolate_tops, read_reference_trees, thick_enough
+from workbench.assessment.reference_trees import site_reference_trees
 from workbench.assessment.sampling import mask_accuracy
 from workbench.assessment.surfaces import height_errors
 from workbench.assessment.tree_matching import TreeMatch, match_trees
@@ -113,7 +113,7 @@ def _assess_tops(site: Site, stage: Stage, own: AssessParameters) -> pd.DataFram
     if path is None or (site.reference_trees is None and site.truth is None):
         return None
     tops = read_vector(path, layer="tops")
-    references = _references(site, own, tops.crs)
+    references = site_reference_trees(site, own, tops.crs)
     tables: list[pd.DataFrame] = []
     layers: dict[str, gpd.GeoDataFrame] = {}
     for name, trees in references.items():
@@ -153,25 +153,6 @@ def _assess_crowns(site: Site, stage: Stage, own: AssessParameters) -> pd.DataFr
     table = pd.DataFrame(rows, columns=["score", "value"])
     table["class"] = ""
     return table.assign(low=np.nan, high=np.nan)
-
-
-def _references(site: Site, own: AssessParameters, crs: object) -> dict[str, gpd.GeoDataFrame]:
-    """Reference trees by kind, the surveyed ones first."""
-    references = {}
-    if site.reference_trees is not None:
-        stems = thick_enough(
-            read_reference_trees(site.reference_trees, crs),
-            {"broadleaf": own.smallest_dbh_broadleaf, "conifer": own.smallest_dbh_conifer},
-        )
-        dsm = _product(site, "surface", "dsm.tif")
-        references["surveyed"] = stems if dsm is None else extrapolate_tops(stems, read_raster(dsm))
-    if site.truth is not None:
-        trees = read_vector(site.truth / "trees.gpkg", crs=crs)
-        points = trees.set_geometry(gpd.points_from_xy(trees["top_x"], trees["top_y"], crs=crs))
-        tall = points[points["height_m"] >= 3.0].reset_index(drop=True)
-        references["true"] = tall
-        references["visible"] = tall[tall["visible"]].reset_index(drop=True)
-    return references
 
 
 def _judged(match: TreeMatch, tops: gpd.GeoDataFrame, trees: gpd.GeoDataFrame) -> dict:

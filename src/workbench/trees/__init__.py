@@ -2,10 +2,11 @@
 
 from workbench.trees.change import TreeChange, compare_trees
 from workbench.trees.criteria import AtLeast, Change, Reach, Slope
-from workbench.trees.crowns import crown_labels, crown_table, grow_crowns
+from workbench.trees.crowns import crown_labels, crown_table, grow_crowns, smoothed
 from workbench.trees.mask import height_over_surroundings, tree_mask
 from workbench.trees.methods import Dalponte, MarkerWatershed, RegionGrowing
-from workbench.trees.stage import crown_method, trees_site
+from workbench.trees.model import TreeInputs, TreeModel, crown_method, read_tree_inputs, search_window
+from workbench.trees.stage import trees_site
 from workbench.trees.stands import stand_table, stand_types
 from workbench.trees.tops import TopSearch, find_tops, search_tops
 from workbench.trees.windows import (
@@ -32,6 +33,8 @@ __all__ = [
     "StandWindow",
     "TopSearch",
     "TreeChange",
+    "TreeInputs",
+    "TreeModel",
     "Window",
     "compare_trees",
     "crown_labels",
@@ -40,7 +43,10 @@ __all__ = [
     "find_tops",
     "grow_crowns",
     "height_over_surroundings",
+    "read_tree_inputs",
     "search_tops",
+    "search_window",
+    "smoothed",
     "stand_table",
     "stand_types",
     "tree_mask",

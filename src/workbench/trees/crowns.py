@@ -21,6 +21,7 @@ from workbench.trees.outlines import outlines
 from workbench.trees.working import CutSurface, WorkingGrid
 
 _DEFAULTS = TreesParameters()
+_SMOOTHING_CELL = 0.2
 
 
 def grow_crowns(
@@ -66,7 +67,7 @@ def grow_crowns(
         tile_size=tile_size,
     )
     return crown_table(
-        labels, {name: _on_working(layer, surface, working_resolution) for name, layer in layers.items()}
+        labels, {name: on_working_grid(layer, working_resolution) for name, layer in layers.items()}
     )
 
 
@@ -81,6 +82,7 @@ def crown_labels(
     working_resolution: float | None = _DEFAULTS.working_resolution,
     smoothing_size: int = _DEFAULTS.smoothing_size,
     smoothing_sigma: float = _DEFAULTS.smoothing_sigma,
+    smooth: xr.DataArray | None = None,
     tile_size: int = _DEFAULTS.tile_size,
 ) -> xr.DataArray:
     """Cells of every crown: a raster of ``tree_id``, 0 none.
@@ -106,6 +108,8 @@ def crown_labels(
     smoothing_size, smoothing_sigma
         Bilateral filter of the surface before slope and aspect: window in cells of 0.2 m (the window
         keeps its extent in metres on other cells) and standard deviation in metres; a window of 1 is none.
+    smooth
+        What :func:`smoothed` made of the surface, where it is at hand already.
     tile_size
         Edge of the tiles, working cells; the result does not depend on it.
 
@@ -131,9 +135,10 @@ def crown_labels(
     grid = Grid.of(surface)
     work = WorkingGrid.of(grid, working_resolution)
     cut = CutSurface(surface, mask, None, min_height, work)
-    on_work = {name: _on_working(layers[name], surface, working_resolution) for name in method.layers}
+    on_work = {name: on_working_grid(layers[name], working_resolution) for name in method.layers}
     everything = _tops(tops, surface, work, method)
-    smooth = _smoothed(surface, work, smoothing_size, smoothing_sigma) if method.smooths else None
+    if smooth is None and method.smooths:
+        smooth = smoothed(surface, smoothing_size, smoothing_sigma, working_resolution=working_resolution)
     owner = np.full(work.shape, -1, np.int32)
 
     def of_tile(tile: Tile) -> None:
@@ -146,7 +151,7 @@ def crown_labels(
         mine, numbers = _some(mine, standing), numbers[standing]
         ground = Ground(
             known,
-            known if smooth is None else smooth[tile.padded],
+            known if smooth is None else smooth.values[tile.padded],
             {name: layer.values[tile.padded] for name, layer in on_work.items()},
             work.resolution,
         )
@@ -186,6 +191,26 @@ def crown_table(labels: xr.DataArray, layers: Mapping[str, xr.DataArray] | None 
         count = np.bincount(place, minlength=len(ids))
         columns[f"{name}_mean"] = np.divide(total, count, out=np.full(len(ids), np.nan), where=count > 0)
     return gpd.GeoDataFrame(columns, geometry=shapes, crs=grid.crs)
+
+
+def smoothed(
+    surface: xr.DataArray,
+    size: int = _DEFAULTS.smoothing_size,
+    sigma: float = _DEFAULTS.smoothing_sigma,
+    *,
+    working_resolution: float | None = _DEFAULTS.working_resolution,
+) -> xr.DataArray:
+    """The surface on working cells after the bilateral filter, whose window is stated in cells of 0.2 m."""
+    work = on_working_grid(surface, working_resolution)
+    reach = round((size - 1) / 2 * _SMOOTHING_CELL / Grid.of(work).resolution)
+    return work if reach < 1 else work.copy(data=np.asarray(bilateral(work.values, 2 * reach + 1, sigma)))
+
+
+def on_working_grid(layer: xr.DataArray, resolution: float | None) -> xr.DataArray:
+    """A raster averaged to working cells."""
+    work = WorkingGrid.of(Grid.of(layer), resolution)
+    name = str(layer.name or "layer")
+    return new_raster(work.average(layer.values), work.grid, name=name, units=layer.attrs.get("units", "1"))
 
 
 def _tops(tops: gpd.GeoDataFrame, surface: xr.DataArray, work: WorkingGrid, method: CrownMethod) -> Tops:
@@ -228,19 +253,3 @@ def _within(tops: Tops, tile: Tile) -> tuple[Tops, np.ndarray]:
 def _some(tops: Tops, chosen: np.ndarray) -> Tops:
     values = {name: value[chosen] for name, value in tops.values.items()}
     return Tops(tops.rows[chosen], tops.columns[chosen], tops.heights[chosen], tops.ranks[chosen], values)
-
-
-def _smoothed(surface: xr.DataArray, work: WorkingGrid, size: int, sigma: float) -> np.ndarray:
-    """The whole working surface after the bilateral filter, whose window is stated in cells of 0.2 m."""
-    values = work.average(surface.values)
-    reach = round((size - 1) / 2 * _SMOOTHING_CELL / work.resolution)
-    return values if reach < 1 else np.asarray(bilateral(values, 2 * reach + 1, sigma))
-
-
-def _on_working(layer: xr.DataArray, surface: xr.DataArray, resolution: float | None) -> xr.DataArray:
-    work = WorkingGrid.of(Grid.of(surface), resolution)
-    name = str(layer.name or "layer")
-    return new_raster(work.average(layer.values), work.grid, name=name, units=layer.attrs.get("units", "1"))
-
-
-_SMOOTHING_CELL = 0.2

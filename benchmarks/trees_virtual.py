@@ -1,0 +1,241 @@
+"""Single trees on virtual forests: windows chosen on some seeds, judged on others, beside the thesis.
+
+``choose``: search windows, and ``crowns``: limits of crowns, by scores on true surfaces of the tuning
+seeds. ``truth``: tables in the form of 4.18 and 4.19 on true surfaces of the judging seeds (errors of the
+method alone). ``chain SITE``: the same on the products of a site that ran through the chain
+(``workbench simulate SCENE``, then ``workbench run``), whose errors are those of surface and method.
+True surfaces are kept in ``--folder``; the first run makes them (about a minute each).
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Iterator
+from itertools import product
+from pathlib import Path
+
+import geopandas as gpd
+import numpy as np
+import pandas as pd
+import shapely
+import xarray as xr
+
+from workbench.assessment import compare_crowns, match_trees
+from workbench.params import TreesParameters
+from workbench.rasters import Grid, new_raster, read_raster, write_raster
+from workbench.site import load_site
+from workbench.trees import GrowingWindow, TreeInputs, TreeModel, find_tops, search_window
+from workbench.virtual import build_scene, load_scene, scene_truth
+
+SCENES = ("habichtswald", "baruth")
+TUNING, JUDGING = (101, 102), (None, 203)
+"""Seeds; None is that of the shipped scene."""
+FINE = 0.1
+DISTANCE = {"conifer": 2.0, "broadleaf old": 3.0, "broadleaf middle": 3.0, "broadleaf young": 2.0}
+"""Largest distance of a match, metres [thesis 4.5.1, published/tree_match_distance.csv]."""
+PUBLISHED = Path(__file__).parents[1] / "data" / "published"
+
+
+def true_scene(name: str, seed: int | None, folder: Path) -> Path:
+    """Folder with ``dsm.tif`` (topmost), ``dtm.tif``, ``trees.gpkg``, ``stands.gpkg`` of a scene."""
+    target = folder / f"{name}_{0 if seed is None else seed}"
+    if not (target / "stands.gpkg").exists():
+        target.mkdir(parents=True, exist_ok=True)
+        spec = load_scene(name)
+        scene = build_scene(spec if seed is None else spec.model_copy(update={"seed": seed}))
+        truth = scene_truth(scene, Grid.from_bounds(scene.crs, scene.extent, FINE), parts=2)
+        for layer in ("dsm", "dtm"):
+            write_raster(truth[layer], target / f"{layer}.tif")
+        scene.trees.to_file(target / "trees.gpkg")
+        stands_of(name).to_file(target / "stands.gpkg")
+    return target
+
+
+def stands_of(name: str) -> gpd.GeoDataFrame:
+    """Stands of a scene with their type and name."""
+    spec = load_scene(name)
+    shapes = [shapely.Polygon(np.asarray(stand.area) + spec.origin) for stand in spec.stands]
+    kinds = [stand.species_group for stand in spec.stands]
+    return gpd.GeoDataFrame(
+        {"stand_type": kinds, "stand": [f"{s.species_group} {s.age}" for s in spec.stands]},
+        geometry=shapes,
+        crs=spec.crs,
+    )
+
+
+def true_heights(source: Path, cell: float) -> xr.DataArray:
+    """Topmost surface above ground on cells of about a size: the highest of the fine cells."""
+    dsm, dtm = read_raster(source / "dsm.tif"), read_raster(source / "dtm.tif")
+    grid, factor = Grid.of(dsm), max(round(cell / FINE), 1)
+    rows, columns = (size // factor * factor for size in grid.shape)
+    blocks = (dsm - dtm).values[:rows, :columns].reshape(rows // factor, factor, columns // factor, factor)
+    coarse = Grid(grid.crs, grid.west, grid.north, FINE * factor, columns // factor, rows // factor)
+    return new_raster(blocks.max(axis=(1, 3)).astype(np.float32), coarse, name="height", units="m")
+
+
+def references(source: Path) -> gpd.GeoDataFrame:
+    """True trees of at least 3 m, as points of their tops; column ``crown`` holds the outlines."""
+    trees = gpd.read_file(source / "trees.gpkg")
+    trees = trees[trees["height_m"] >= 3.0].reset_index(drop=True)
+    trees["crown"] = trees.geometry
+    return trees.set_geometry(gpd.points_from_xy(trees["top_x"], trees["top_y"], crs=trees.crs))
+
+
+def judge(tops: gpd.GeoDataFrame, trees: gpd.GeoDataFrame, stands: gpd.GeoDataFrame) -> pd.DataFrame:
+    """Scores of every stand over the trees of the stand: those seen from above, and all.
+
+    The understorey is no reference, as thin stems are none in the thesis [3.4.1]: a top on a small tree is
+    neither right nor false. ``correctness_strict`` counts it as false.
+    """
+    rows = []
+    small = trees[trees["understorey"]].reset_index(drop=True)
+    for name, shape in zip(stands["stand"], stands.geometry, strict=True):
+        reach = DISTANCE[name if name.startswith("broadleaf") else "conifer"]
+        row: dict[str, object] = {"stand": name}
+        for kind in ("visible", "all"):
+            chosen = trees[~trees["understorey"] & (trees["visible"] | (kind == "all"))]
+            match = match_trees(tops, chosen.reset_index(drop=True), reach, area=shape)
+            aside = len(match_trees(tops.iloc[match.false], small, reach / 2).pairs)
+            right, missed, false = len(match.pairs), len(match.missed), len(match.false) - aside
+            row |= {
+                f"trees_{kind}": right + missed,
+                f"completeness_{kind}": 100 * right / max(right + missed, 1),
+                f"correctness_{kind}": 100 * right / max(right + false, 1),
+                f"f1_{kind}": 200 * right / max(2 * right + missed + false, 1),
+                f"strict_{kind}": 100 * match.correctness,
+            }
+        rows.append(row)
+    return pd.DataFrame(rows)
+
+
+def choose(folder: Path) -> None:
+    """Mean F1 of every window over the conifer stands, the broadleaf stands, and all, by cell."""
+    rows = []
+    windows = list(product((-1.0, -0.5, 0.0, 0.3, 0.5, 1.0), (0.02, 0.033, 0.05, 0.07, 0.09, 0.11, 0.14)))
+    for name, seed, cell in product(SCENES, TUNING, (0.2, 0.5)):
+        source = true_scene(name, seed, folder)
+        height, trees, stands = true_heights(source, cell), references(source), stands_of(name)
+        for start, growth in windows:
+            window = GrowingWindow(start, growth, smallest=max(0.5, cell))
+            scores = judge(find_tops(height, radius=None, window=window), trees, stands)
+            rows.append(scores.assign(cell=cell, start=start, growth=growth, seed=seed))
+    table = pd.concat(rows)
+    table["type"] = table["stand"].str.split().str[0]
+    for label, part in (
+        ("conifer", table[table.type == "conifer"]),
+        ("broadleaf", table[table.type == "broadleaf"]),
+        ("all", table),
+    ):
+        by_type = part.groupby(["start", "growth", "cell", "type"])["f1_visible"].mean()
+        mean = by_type.groupby(["start", "growth", "cell"]).mean().unstack("cell")
+        mean["mean"] = mean.mean(axis=1)
+        print(f"\n{label}: F1 (%) over visible trees, tuning seeds, by cell of the surface (m)")
+        print(mean.sort_values("mean", ascending=False).head(8).round(1).to_string())
+
+
+def choose_crowns(folder: Path) -> None:
+    """Mean IoU of crowns with the true ones from the true tops, by limits of growing."""
+    rows = []
+    trials = {
+        "none": {},
+        "slope 60": {"max_slope": 60.0},
+        "slope 75": {"max_slope": 75.0},
+        "slope 60, min -30": {"max_slope": 60.0, "min_slope": -30.0},
+        **{f"aspect {k}": {"aspect": "always", "max_aspect": k} for k in (2, 3, 4, 6)},
+        "slope 60, aspect 4": {"max_slope": 60.0, "aspect": "always", "max_aspect": 4},
+        **{f"share {s}": {"crown_min_share": s} for s in (0.0, 0.1, 0.3, 0.5)},
+        "watershed": {"crown_method": "watershed"},
+        "dalponte": {"crown_method": "dalponte"},
+    }
+    for name, seed in product(SCENES, TUNING):
+        source = true_scene(name, seed, folder)
+        stands = stands_of(name)
+        model = TreeModel(TreeInputs(true_heights(source, 0.2), stands=stands))
+        trees = references(source)
+        trees = trees[trees["visible"] & ~trees["understorey"]].set_geometry("crown")
+        for size, (label, limits) in product((1, 13, 25, 49), trials.items()):
+            options = TreesParameters(**{"smoothing_size": size, "aspect": "never", **limits})
+            if size != 49 and not model_smooths(options):
+                continue
+            crowns = model.crowns(options)
+            for stand, shape in zip(stands["stand"], stands.geometry, strict=True):
+                true = trees[trees.centroid.within(shape)][["crown"]].rename_geometry("geometry")
+                near = crowns[crowns.intersects(shape)].reset_index(drop=True)
+                result = compare_crowns(near, true.reset_index(drop=True))
+                iou = 100 * float(result.pairs["iou"].sum()) / max(result.reference, 1)
+                rows.append({"limits": label, "filter": size, "stand": stand, "iou": iou})
+    table = pd.DataFrame(rows).groupby(["limits", "filter", "stand"])["iou"].mean().unstack("stand")
+    table["conifer"] = table.filter(like="conifer ").mean(axis=1)
+    table["broadleaf"] = table.filter(like="broadleaf ").mean(axis=1)
+    print("\nIoU (%) with the true crowns, tuning seeds; a tree that no top found counts as 0")
+    print(table.round(1).to_string())
+
+
+def model_smooths(options: TreesParameters) -> bool:
+    """Whether the filter matters."""
+    return options.crown_method == "growing" and (options.max_slope is not None or options.aspect != "never")
+
+
+def on_truth(folder: Path, options: TreesParameters) -> None:
+    """Tables 4.18 and 4.19 on true surfaces of the judging seeds."""
+    print("\nTable 4.18 on true surfaces (cells of 20 cm), judging seeds; windows by stand type")
+    print(pd.concat(_judged_truth("habichtswald", folder, options, 0.2)).round(1).to_string(index=False))
+    print("\nTable 4.19 on true surfaces, by cell")
+    for cell in (0.1, 0.2):
+        print(f"cells of {100 * cell:g} cm")
+        print(pd.concat(_judged_truth("baruth", folder, options, cell)).round(1).to_string(index=False))
+    _print_published()
+
+
+def _judged_truth(name: str, folder: Path, options: TreesParameters, cell: float) -> Iterator[pd.DataFrame]:
+    for seed in JUDGING:
+        source, stands = true_scene(name, seed, folder), stands_of(name)
+        window = search_window(options, stands)
+        tops = find_tops(true_heights(source, cell), radius=None, window=window)
+        yield judge(tops, references(source), stands).assign(seed="shipped" if seed is None else seed)
+
+
+def on_chain(site_names: list[str], root: Path, options: TreesParameters) -> None:
+    """The same scores on what the chain made of sites; stands are those of the scene of the same name."""
+    for name in site_names:
+        site = load_site(name, root)
+        if site.truth is None:
+            raise SystemExit(f"{name} has no truth to compare with.")
+        stands = stands_of(name.split("-")[0])
+        height = read_raster(site.products / "surface" / "ndsm.tif")
+        tops = find_tops(height, radius=None, window=search_window(options, stands))
+        print(f"\n{name}: whole chain")
+        print(judge(tops, references(site.truth), stands).round(1).to_string(index=False))
+    _print_published()
+
+
+def _print_published() -> None:
+    for table in ("tree_table4_18_habichtswald", "tree_table4_19_baruth"):
+        print(f"\npublished: {table}")
+        print(pd.read_csv(PUBLISHED / f"{table}.csv").to_string(index=False))
+
+
+def main() -> None:
+    """Command line."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("what", choices=["choose", "crowns", "truth", "chain"])
+    parser.add_argument("sites", nargs="*", help="Sites of `chain`.")
+    parser.add_argument("--root", type=Path, default=Path())
+    parser.add_argument("--folder", type=Path, default=Path("/tmp/trees_virtual"))
+    args = parser.parse_args()
+    options = TreesParameters()
+    pd.set_option("display.width", 250, "display.max_columns", 30)
+    if args.what == "choose":
+        choose(args.folder)
+    elif args.what == "crowns":
+        choose_crowns(args.folder)
+    elif args.what == "truth":
+        on_truth(args.folder, options)
+    else:
+        on_chain(args.sites, args.root, options)
+
+
+if __name__ == "__main__":
+    main()
