@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scipy import ndimage
 
 from workbench.errors import MatchingError
 from workbench.matching import match_pair
@@ -67,6 +68,64 @@ def test_a_guide_narrows_the_search_without_changing_good_matches(curved):
     both = np.isfinite(free) & np.isfinite(guided)
     assert both.sum() > 0.9 * np.isfinite(free).sum()
     assert np.median(np.abs(free[both] - guided[both])) < 0.02
+
+
+def test_missing_parts_do_not_take_partners_from_the_rest(curved):
+    y, x = np.mgrid[:SIZE, :SIZE]
+    wedge = x < 60 + y / 3  # as the corner of a turned photograph
+    left = np.where(wedge, np.nan, curved.left)
+    whole = match_pair(curved.left, curved.right, (-90, 150)).valid.values
+    part = match_pair(left, curved.right, (-90, 150)).valid.values
+    assert not part[wedge].any()
+    rest = ~ndimage.binary_dilation(wedge, iterations=6) & whole
+    assert part[rest].mean() > 0.98
+
+
+def test_without_texture_nothing_is_measured():
+    texture = noise_texture((SIZE, SIZE + 120), seed=5)
+    texture[:, 130:230] = 128
+    pair = curved_pair(texture, waves, SIZE, Radiometry(noise=0))
+    found = match_pair(pair.left, pair.right, RANGE)
+    _, difference, _ = errors(found, pair)
+    assert (np.abs(difference) > 1).mean() < 0.02
+
+
+def test_stripes_that_say_nothing_about_rows_are_no_proof_against_a_pair():
+    columns = np.arange(SIZE + 120)
+    texture = (
+        128 + 60 * np.sin(2 * np.pi * columns / 11) + 0.15 * (noise_texture((SIZE, SIZE + 120), 6) - 128)
+    )
+    pair = curved_pair(texture.astype(np.float32), waves, SIZE, Radiometry(noise=2))
+    found = match_pair(pair.left, pair.right, RANGE)
+    _, difference, known = errors(found, pair)
+    assert known.sum() > 0.8 * pair.visible.sum()
+    assert (np.abs(difference) > 1).mean() < 0.02
+
+
+@pytest.mark.parametrize(
+    ("kind", "scale", "offset"),
+    [(np.uint16, 257, 0), (np.int16, 1, -500), (np.float64, 1 / 255, 0), (np.float32, 1e6, -3e7)],
+)
+def test_number_types_and_scales_of_images_do_not_matter(curved, kind, scale, offset):
+    expected = match_pair(curved.left, curved.right, RANGE)
+    images = [
+        (image.astype(np.float64) * scale + offset).astype(kind) for image in (curved.left, curved.right)
+    ]
+    found = match_pair(*images, RANGE)
+    assert (found.valid == expected.valid).mean() > 0.99
+    both = (found.valid & expected.valid).values
+    assert np.median(np.abs(found.disparity - expected.disparity).values[both]) < 0.01
+
+
+def test_negative_disparities_and_a_range_as_wide_as_the_image(curved):
+    mirrored = match_pair(curved.left[:, ::-1], curved.right[:, ::-1], (-60, 4))
+    plain = match_pair(curved.left, curved.right, RANGE)
+    back = -mirrored.disparity.values[:, ::-1]
+    both = np.isfinite(back) & plain.valid.values
+    assert both.sum() > 0.95 * plain.valid.values.sum()
+    assert np.median(np.abs(back - plain.disparity.values)[both]) < 0.02
+    wide = match_pair(curved.left, curved.right, (-SIZE + 1, SIZE - 1))
+    assert wide.valid.values.sum() > 0.95 * plain.valid.values.sum()
 
 
 def test_confidence_is_higher_where_the_match_is_right(curved):

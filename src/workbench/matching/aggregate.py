@@ -274,8 +274,10 @@ def _sweep(
                         floor, penalty, small, totals, 0, totals, 0, blocks,
                     )  # fmt: skip
             if upward and wanted:
-                offer_to_right(totals, 0, least, owner, right, column, blocks)  # type: ignore[call-arg]
-                packed = find_winner(totals, 0, blocks)
+                # A pixel without data costs nothing anywhere: it must not take partners from others.
+                if left_known[row, column]:
+                    offer_to_right(totals, 0, least, owner, right, column, blocks)  # type: ignore[call-arg]
+                packed: int = find_winner(totals, 0, blocks)  # type: ignore[call-arg]
                 best, k, second = packed & 0xFFFF, (packed >> 16) & 0xFFFF, packed >> 32
                 chosen[column] = k
                 out = row - first

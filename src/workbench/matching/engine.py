@@ -165,6 +165,11 @@ def _match(pair: Pair, search: _Search, parameters: SgmParameters, threads: int)
         refine(pair.left, pair.right, smooth, trusted, rows, refined, correlation)
 
     run_parallel(refine_rows, cut_strips(pair.shape[0], 1, 1, parameters.memory), threads)
+    # Where the images have nothing in common at the match (no texture at all), paths only carried on
+    # what lies beside: that is interpolation, not measurement.
+    alike = correlation > 0
+    flag[trusted & ~alike] = AMBIGUOUS
+    trusted &= alike
     if parameters.subpixel:
         good = np.abs(refined - disparity) <= _LARGEST_STEP
         disparity = np.where(good, refined, smooth)

@@ -13,6 +13,7 @@ _CELLS = 8  # The best corner of each cell of an 8 x 8 grid is tried.
 _REACH_Y, _REACH_X = 5, 10  # A patch of 11 x 21 pixels.
 _SEARCH = 8  # Rows above and below that are searched.
 _MATCHED = 0.8  # Correlation of a patch that was found again.
+_DISTINCT, _FALL = 3, 0.1  # From three rows away on the correlation must have fallen by so much.
 _LEAST = 8  # Fewer points prove nothing.
 _STRETCH = 512  # Columns of a search area; wider ranges are searched on a reduced number of points.
 
@@ -56,8 +57,11 @@ def vertical_offset(pair: Pair, first: int, last: int) -> VerticalOffset:
         patch = left[row - _REACH_Y : row + _REACH_Y + 1, column - _REACH_X : column + _REACH_X + 1]
         scores = cv2.matchTemplate(area, patch, cv2.TM_CCOEFF_NORMED)
         _, best, _, (_, found) = cv2.minMaxLoc(scores)
-        if best >= _MATCHED:
-            offsets.append(_peak(scores.max(axis=1), found) - _SEARCH)
+        by_row = scores.max(axis=1)
+        elsewhere = by_row[np.abs(np.arange(len(by_row)) - found) >= _DISTINCT]
+        # Along a vertical stripe every row looks alike: such a patch says nothing about rows.
+        if best >= _MATCHED and elsewhere.max() <= best - _FALL:
+            offsets.append(_peak(by_row, found) - _SEARCH)
     if not offsets:
         return VerticalOffset(0.0, 0.0, 0)
     return VerticalOffset(float(np.median(offsets)), float(np.median(np.abs(offsets))), len(offsets))

@@ -83,7 +83,13 @@ def match_site(site: Site, parameters: Parameters) -> dict:
         shares = {}
         for downscale in reversed(downscales):
             files[downscale], shares[downscale] = _match_level(
-                pairs, downscale, search_heights(block, options), guide, options, work
+                pairs,
+                downscale,
+                search_heights(block, options),
+                guide,
+                options,
+                affordable_disparities(downscale, downscales[0], options),
+                work,
             )
             if downscale != downscales[0]:
                 guide = _surface(files, block, resolution, search_heights(block, options), work)
@@ -112,12 +118,22 @@ def median_resolution(block: Block, ground: float) -> float:
     return float(np.median([(p.pose.centre[2] - ground) / p.camera.focal_x for p in block]))
 
 
+def affordable_disparities(downscale: int, finest: int, options: MatchParameters) -> float:
+    """Disparities that cost at a downscale what the guided search costs at the finest one.
+
+    Reduced photographs have fewer pixels, so that wide ranges are cheap there; a guide would only cut
+    off trees that the still coarser level missed.
+    """
+    return (downscale / finest) ** 2 * (options.guide_below + options.guide_above + 1)
+
+
 def _match_level(
     pairs: Sequence[StereoPair],
     downscale: int,
     heights: tuple[float, float],
     guide: Guide | None,
     options: MatchParameters,
+    affordable: float,
     work: Path,
 ) -> tuple[list[Path], float]:
     folder = work / f"ds{downscale}"
@@ -128,7 +144,7 @@ def _match_level(
         path = folder / f"{pair.name}.zip"
         files.append(path)
         if not path.exists():
-            save_pair(_match(pair, downscale, heights, guide, options, grey), path)
+            save_pair(_match(pair, downscale, heights, guide, options, affordable, grey), path)
         disparity = load_pair(path).disparity
         matched += int(np.isfinite(disparity).sum())
         known += disparity.size
@@ -141,16 +157,21 @@ def _match(
     heights: tuple[float, float],
     guide: Guide | None,
     options: MatchParameters,
+    affordable: float,
     grey: Callable[[Path], np.ndarray],
 ) -> MatchedPair:
-    if guide is not None:
+    """Match one pair; a range of up to ``affordable`` disparities is searched wholly, without a guide."""
+    rectification, swapped = rectify_pair(pair, heights, downscale=downscale)
+    if guide is not None and rectification.disparities > affordable:
         # What the coarser levels found bounds the range, with room for what they missed.
         margin = _ROOM * (heights[1] - heights[0])
         heights = (
             max(heights[0], guide.lowest - margin),
             min(heights[1], guide.highest + margin),
         )
-    rectification, swapped = rectify_pair(pair, heights, downscale=downscale)
+        rectification, swapped = rectify_pair(pair, heights, downscale=downscale)
+    else:
+        guide = None
     left, right = (pair.right, pair.left) if swapped else (pair.left, pair.right)
     images = [
         resample(grey(photo.path), photo.camera, photo.pose, rectification, right=is_right)

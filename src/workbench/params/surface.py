@@ -57,7 +57,7 @@ class SurfaceParameters(Section):
         source="thesis 5.1: interpolated holes hold no tree",
     )
     tile_size: int = parameter(
-        1024, "Edge of a tile; it does not change the result.", unit="cells", source="memory", ge=64, le=16384
+        512, "Edge of a tile; it does not change the result.", unit="cells", source="memory", ge=64, le=16384
     )
     ground_cell: float = parameter(
         0.5,

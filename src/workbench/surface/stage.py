@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from contextlib import ExitStack
+from dataclasses import asdict
 from typing import Any
 
 import numpy as np
 import xarray as xr
 
 from workbench.matching.levels import common_extent, ground_height, search_heights
+from workbench.matching.pairs import StereoPair
 from workbench.matching.stage import median_resolution
 from workbench.matching.store import PairStore
 from workbench.orientation import Block, read_block
@@ -17,6 +19,7 @@ from workbench.params import Parameters, SurfaceParameters
 from workbench.rasters import Grid, RasterWriter, ScratchArrays, read_raster
 from workbench.site import Site
 from workbench.stages import FOLDERS, Stage, open_stage
+from workbench.surface.canopy import CanopyHeights, crown_warnings, view_of_crowns
 from workbench.surface.filling import FilledHeights, fill_heights
 from workbench.surface.fusion import INTERPOLATED, NO_DATA
 from workbench.surface.levels import Level, fuse_levels, grid_level, level_grid
@@ -34,6 +37,14 @@ _TEXTS = {
     "dtm": ("m", "terrain"),
     "ground_seen": ("1", "1 where ground was measured or given, 0 where the terrain is interpolated"),
     "ndsm": ("m", "height above terrain"),
+}
+_CROWN_NAMES = {
+    "crown_height": "crown_height_m",
+    "overlap": "crown_overlap",
+    "overlap_ground": "ground_overlap",
+    "angle": "crown_angle_deg",
+    "overlap_needed": "crown_overlap_needed",
+    "overlap_ground_needed": "ground_overlap_needed",
 }
 _SPREAD_STEP, _SPREAD_STEPS = 1e-4, 100_000  # Spreads are counted in tenths of a millimetre, up to 10 m.
 
@@ -83,10 +94,12 @@ def surface_site(site: Site, parameters: Parameters) -> dict:
         if options.interpolate == "linear":
             _interpolate(surface, layers, options, stage)
         _write_layers(layers, grid, options, stage)
-        possible = PossibleCount(possible_pairs(block, parameters.match), surface)
-        counted = _count(possible, levels, layers, grid, options, stage)
-        terrain = _terrain(site, _filled(stage, options).surface, options, stage)
-        stage.metrics.update(counted | terrain)
+        pairs = possible_pairs(block, parameters.match)
+        counted = _count(PossibleCount(pairs, surface), levels, layers, grid, options, stage)
+        stage.metrics.update(counted)
+        canopy = CanopyHeights()
+        stage.metrics.update(_terrain(site, _filled(stage, options).surface, canopy, options, stage))
+        stage.metrics.update(_crowns(pairs, canopy, ground_height(block), counted["no_data_share"]))
     return stage.metrics
 
 
@@ -213,7 +226,9 @@ def _median(counts: np.ndarray) -> float | None:
     return round((int(np.searchsorted(counts.cumsum(), (total + 1) // 2)) + 0.5) * _SPREAD_STEP, 5)
 
 
-def _terrain(site: Site, surface: xr.DataArray, options: SurfaceParameters, stage: Stage) -> dict:
+def _terrain(
+    site: Site, surface: xr.DataArray, canopy: CanopyHeights, options: SurfaceParameters, stage: Stage
+) -> dict:
     """Write terrain and height above it; share of the terrain that was seen."""
     grid = Grid.of(surface)
     datum = str(surface.attrs["vertical_datum"])
@@ -243,11 +258,28 @@ def _terrain(site: Site, surface: xr.DataArray, options: SurfaceParameters, stag
                 flag = refine_window(seen.values.__getitem__, base, grid, tile.core)
             dtm.write(terrain, tile.core)
             flags.write(flag, tile.core)
-            ndsm.write((heights - terrain).astype(np.float32), tile.core)
+            above = (heights - terrain).astype(np.float32)
+            ndsm.write(above, tile.core)
+            canopy.add(above)
             ground += int(flag.sum())
         if given is not None:
             given.require_cover()
     return {"ground_seen_share": round(ground / (grid.width * grid.height), 5)}
+
+
+def _crowns(pairs: Sequence[StereoPair], canopy: CanopyHeights, ground: float, no_data: float) -> dict:
+    """How the photographs see the crowns, and what they could not measure."""
+    if canopy.crown_height is None:
+        return {"tree_share": 0.0, "warnings": []}
+    view = view_of_crowns(pairs, ground, canopy.crown_height)
+    seen = (
+        {} if view is None else {_CROWN_NAMES[name]: round(value, 4) for name, value in asdict(view).items()}
+    )
+    return {
+        "tree_share": round(canopy.share, 5),
+        **seen,
+        "warnings": crown_warnings(view, canopy.share, no_data),
+    }
 
 
 def _writer(stage: Stage, grid: Grid, name: str, kind: str = "float32", **attributes: Any) -> RasterWriter:
