@@ -18,7 +18,7 @@ _AFTER: dict[str, tuple[str, ...]] = {
     "match": ("match", "surface", "mosaic", "reed", "trees", "assess", "report"),
     "surface": ("surface", "mosaic", "reed", "trees", "assess", "report"),
     "mosaic": ("mosaic", "trees", "assess", "report"),
-    "reed": ("reed", "assess", "report"),
+    "reed": ("reed", "report"),
     "trees": ("trees", "assess", "report"),
     "assess": ("assess", "report"),
     "report": ("report",),

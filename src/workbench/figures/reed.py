@@ -99,7 +99,7 @@ def reed_panel(
         dsm_file = source.products / FOLDERS["surface"] / "dsm.tif"
         stamp = dsm_file.stat().st_mtime_ns if dsm_file.exists() else 0
         # The files are read once for all visitors; every visitor has a model, which keeps the last steps.
-        loaded = pn.state.as_cached(f"reed {dsm_file} {stamp}", _load, site=source, options=options)
+        loaded = pn.state.as_cached(f"reed {dsm_file} {stamp}", lambda: _load(source, options))
         model, ortho, references = (
             loaded[0],
             ortho if ortho is not None else loaded[1],
@@ -219,22 +219,21 @@ def _plots(grid: Grid) -> list[Any]:
     west, south, east, north = grid.bounds
     width = 1000 if east - west > _WIDE * (north - south) else 380
     height = int(np.clip(width * (north - south) / (east - west), 90, 800))
-    ranges: dict[str, Any] = {"x_range": (west, east), "y_range": (south, north)}
+    settings: dict[str, Any] = {
+        "frame_width": width,
+        "frame_height": height,
+        "x_range": (west, east),
+        "y_range": (south, north),
+        "tools": "pan,wheel_zoom,box_zoom,reset,save",
+        "active_scroll": "wheel_zoom",
+        "match_aspect": True,
+        "toolbar_location": "right",
+        "background_fill_color": _WATER,
+    }
     plots: list[Any] = []
     for title in ("Orthophoto", "Height above the water (0 to 5 m)", "Extent", "Density", "Front and status"):
-        plot = figure(
-            title=title,
-            frame_width=width,
-            frame_height=height,
-            tools="pan,wheel_zoom,box_zoom,reset,save",
-            active_scroll="wheel_zoom",
-            match_aspect=True,
-            toolbar_location=None if plots else "right",
-            background_fill_color=_WATER,
-            name=title.split()[0].lower(),
-            **ranges,
-        )
-        ranges = {"x_range": plot.x_range, "y_range": plot.y_range}
+        plot = figure(title=title, name=title.split()[0].lower(), **settings)
+        settings |= {"x_range": plot.x_range, "y_range": plot.y_range, "toolbar_location": None}
         plot.axis.visible = False
         plot.grid.visible = False
         plots.append(plot)
@@ -340,7 +339,7 @@ def _reduced(values: np.ndarray, grid: Grid, shown: Grid) -> np.ndarray:
     return values[..., rows[:, None], columns[None, :]]
 
 
-def _image(values: np.ndarray, grid: Grid) -> dict[str, list]:
+def _image(values: np.ndarray, grid: Grid) -> dict[str, Any]:
     west, south, east, north = grid.bounds
     return {
         "image": [np.ascontiguousarray(values[::-1])],
@@ -351,7 +350,7 @@ def _image(values: np.ndarray, grid: Grid) -> dict[str, list]:
     }
 
 
-def _rgba_image(ortho: xr.DataArray) -> dict[str, list]:
+def _rgba_image(ortho: xr.DataArray) -> dict[str, Any]:
     """Red, green and blue; where all are 0 there is no photograph."""
     transform = ortho.rio.transform(recalc=True)
     grid = Grid(ortho.rio.crs, transform.c, transform.f, transform.a, ortho.sizes["x"], ortho.sizes["y"])
@@ -374,7 +373,7 @@ def _burnt(metrics: ReedMetrics, shown: Grid) -> np.ndarray:
     return rasterio.features.rasterize(shapes, out_shape=shown.shape, transform=transform, dtype="uint8")
 
 
-def _density_image(metrics: ReedMetrics) -> dict[str, list]:
+def _density_image(metrics: ReedMetrics) -> dict[str, Any]:
     """Classes on the grid of the density cells itself."""
     codes = {name: code for code, name in enumerate(_DENSITY)}
     grid, cells = metrics.statistics.grid, metrics.cells
@@ -383,7 +382,7 @@ def _density_image(metrics: ReedMetrics) -> dict[str, list]:
     return _image(values, grid)
 
 
-def _lines(lines: gpd.GeoDataFrame) -> dict[str, list]:
+def _lines(lines: gpd.GeoDataFrame) -> dict[str, Any]:
     coordinates = [shapely.get_coordinates(line) for line in lines.geometry]
     return {"xs": [c[:, 0] for c in coordinates], "ys": [c[:, 1] for c in coordinates]}
 
@@ -398,7 +397,7 @@ def _boxes(sections: gpd.GeoDataFrame) -> dict[str, Any]:
     return data | {"colour": [_STATUS[status] for status in sections.status]}
 
 
-def _polygons(frame: gpd.GeoDataFrame, column: str, colours: dict[str, str]) -> dict[str, list]:
+def _polygons(frame: gpd.GeoDataFrame, column: str, colours: dict[str, str]) -> dict[str, Any]:
     rings = [shapely.get_coordinates(shape.exterior) for shape in frame.geometry]
     return {
         "xs": [[[ring[:, 0]]] for ring in rings],
