@@ -32,8 +32,8 @@ def predict_observation(block: Block, point_observations: Sequence[Observation])
     Raises
     ------
     OrientationError
-        If the measurements are of several points, fewer than two are in oriented photographs, or their
-        rays are parallel.
+        If the measurements are of several points, fewer than two are in oriented photographs, their rays
+        are parallel, or they contradict each other beyond any point.
     """
     point = intersect(block, point_observations)
     positions = {photograph.name: photograph.project(point[None])[0] for photograph in block}
@@ -66,11 +66,18 @@ def intersect(block: Block, point_observations: Sequence[Observation]) -> np.nda
     measured = np.array([[o.column, o.row] for o in used])
     origin = np.mean([view.pose.centre for view in views], axis=0)
     point = _nearest_to_rays(views, measured, origin, name)
-    for _ in range(_ROUNDS):
-        residual = np.concatenate(
-            [m - v.project(point[None])[0] for v, m in zip(views, measured, strict=True)]
+    if not np.isfinite(_residual(views, measured, point)).all():
+        raise OrientationError(
+            f"Point {name}: its rays meet behind a camera, so one of its measurements is wrong."
         )
+    for _ in range(_ROUNDS):
+        residual = _residual(views, measured, point)
         change = np.linalg.lstsq(_derivative(views, point), residual, rcond=None)[0]
+        # Measurements that contradict each other send a full step astray, even behind a camera.
+        while not np.linalg.norm(_residual(views, measured, point + change)) <= np.linalg.norm(residual):
+            change = change / 2
+            if np.linalg.norm(change) < _CONVERGED:
+                return point
         point = point + change
         if np.linalg.norm(change) < _CONVERGED:
             break
@@ -90,6 +97,10 @@ def _nearest_to_rays(views: Sequence, measured: np.ndarray, origin: np.ndarray, 
             f"Point {name}: the rays of its photographs are parallel; measure another one."
         )
     return origin + np.linalg.solve(normal, right)
+
+
+def _residual(views: Sequence, measured: np.ndarray, point: np.ndarray) -> np.ndarray:
+    return np.concatenate([m - v.project(point[None])[0] for v, m in zip(views, measured, strict=True)])
 
 
 def _derivative(views: Sequence, point: np.ndarray, step: float = 1e-3) -> np.ndarray:
