@@ -58,7 +58,8 @@ def ground_rasters(
     x, y = x * step + float(terrain.west), y * step + float(terrain.south)
     for stand in spec.stands:
         floor[shapely.contains_xy(Polygon(stand.area), x, y)] = 1.0
-    floor = np.maximum(ndimage.gaussian_filter(floor, 1.2 / step), 0.42 * covered)
+    # Where light falls in, grass and herbs grow; litter lies bare below a closed canopy.
+    floor = np.maximum(ndimage.gaussian_filter(floor, 1.2 / step) * (0.25 + 0.75 * covered), 0.42 * covered)
     return floor, height, covered
 
 

@@ -18,17 +18,18 @@ from workbench.virtual.particles import (
     TY,
     TZ,
     clump_frame,
-    clump_leaf,
+    clump_offset,
     clump_particles,
     jitter,
+    leaf_in_clump,
     stem,
     stem_detail,
     stem_leaf,
     stems_in_cell,
 )
 from workbench.virtual.shade import half_vector, shade_leaf, sunlit_leaf
-from workbench.virtual.trees3d import AO, KIND, LINE, RA, RB, RC, SHADE, X, Y, Z
-from workbench.virtual.views import camera_axes, canopy_shade, leaf_on_tile, to_image, towards
+from workbench.virtual.trees3d import AO, DX, DY, DZ, KIND, LINE, RA, RB, RC, SHADE, X, Y, Z
+from workbench.virtual.views import camera_axes, canopy_shade, leaf_on_tile, on_tile, to_image, towards
 from workbench.virtual.wind import gust, own_sway
 from workbench.virtual.world import Cover
 
@@ -80,28 +81,63 @@ def paint_trees(world, wind, light, view, scale, chosen, tile):
             toward = towards(view, x, y, z)
             half = half_vector(light, toward)
             origin = camera_axes(view, x, y, z)
+            axes = _clump_in_camera(view.lens, clump, frame)
             for i in range(number):
-                ox, oy, oz, leaf = clump_leaf(clump, frame, plants.leaves, start, i, number)
-                flutter = np.float32(0)
+                a, b, d, leaf = leaf_in_clump(clump, plants.leaves, start, i, number)
+                jx, jy, flutter = np.float32(0), np.float32(0), np.float32(0)
                 if not is_wood:
                     jx, jy, flutter = jitter(wind, key, i)
-                    ox += jx
-                    oy += jy
-                pc, pr, near = leaf_on_tile(view.lens, tile, origin, ox, oy, oz)
+                pc, pr, near = _leaf_on_tile(view.lens, tile, origin, axes, a, b, d, jx, jy)
                 radius = size * half_focal / near
                 if _hidden(tile, pc, pr, near, radius):
                     continue
+                ox, oy, oz = clump_offset(clump, frame, a, b, d)
                 n = plants.leaves.normal[leaf]
                 normal = toward if is_wood else (n[0], n[1], n[2])
-                lit = sunlit_leaf(light, x + ox, y + oy, z + oz)
+                lit = sunlit_leaf(light, x + ox + jx, y + oy + jy, z + oz)
                 # The lower leaves of a clump lie in the shade of the upper ones.
                 share = np.float32(0.68) + np.float32(0.32) * plants.leaves.position[leaf, 2]
                 bright = clump[SHADE] * plants.leaves.bright[leaf] * (np.float32(1) + flutter)
                 shade_leaf(light, tone, bright, lit * share, open_sky * share, normal, toward, half, out)
+                if radius == 0:
+                    _write(tile, int(pr), int(pc), near, index, out)
+                    continue
                 tilt = (np.float32(1), np.float32(0), np.float32(1))
                 if radius > 0 and not is_wood:
                     tilt = _tilt(view, normal)
                 _paint(tile, pc, pr, near, radius, tilt, index, out)
+
+
+@inner
+def _clump_in_camera(lens, clump, frame):
+    """The three axes of a clump in camera axes."""
+    m = lens.turn
+    bx, by, cx, cy, cz = frame
+    return (
+        m[0, 0] * clump[DX] + m[0, 1] * clump[DY] + m[0, 2] * clump[DZ],
+        m[1, 0] * clump[DX] + m[1, 1] * clump[DY] + m[1, 2] * clump[DZ],
+        m[2, 0] * clump[DX] + m[2, 1] * clump[DY] + m[2, 2] * clump[DZ],
+        m[0, 0] * bx + m[0, 1] * by,
+        m[1, 0] * bx + m[1, 1] * by,
+        m[2, 0] * bx + m[2, 1] * by,
+        m[0, 0] * cx + m[0, 1] * cy + m[0, 2] * cz,
+        m[1, 0] * cx + m[1, 1] * cy + m[1, 2] * cz,
+        m[2, 0] * cx + m[2, 1] * cy + m[2, 2] * cz,
+    )
+
+
+@inner
+def _leaf_on_tile(lens, tile, origin, axes, a, b, c, jx, jy):
+    """Column and row on the tile and depth of a leaf at (a, b, c) on the axes of its clump.
+
+    (jx, jy) is its own displacement east and north, m.
+    """
+    m = lens.turn
+    p = origin[0] + a * axes[0] + b * axes[3] + c * axes[6] + jx * m[0, 0] + jy * m[0, 1]
+    q = origin[1] + a * axes[1] + b * axes[4] + c * axes[7] + jx * m[1, 0] + jy * m[1, 1]
+    w = origin[2] + a * axes[2] + b * axes[5] + c * axes[8] + jx * m[2, 0] + jy * m[2, 1]
+    column, row = on_tile(lens, tile, p, q, w)
+    return column, row, w
 
 
 @kernel
@@ -194,10 +230,7 @@ def _paint(tile, column, row, depth, radius, tilt, owner, out):
         for i in range(max(int(math.floor(row)), 0), i1):
             for j in range(max(int(math.floor(column)), 0), j1):
                 if depth < tile.depth[i, j]:
-                    tile.depth[i, j] = depth
-                    tile.owner[i, j] = owner
-                    for band in range(4):
-                        tile.colour[i, j, band] = out[band]
+                    _write(tile, i, j, depth, owner, out)
         return
     tx, ty, squeeze = tilt
     i0, i1 = max(int(math.floor(row - radius)), 0), min(int(math.floor(row + radius)) + 1, rows)
@@ -210,10 +243,16 @@ def _paint(tile, column, row, depth, radius, tilt, owner, out):
             along = (u * tx + v * ty) * squeeze
             across = v * tx - u * ty
             if along * along + across * across <= radius * radius:
-                tile.depth[i, j] = depth
-                tile.owner[i, j] = owner
-                for band in range(4):
-                    tile.colour[i, j, band] = out[band]
+                _write(tile, i, j, depth, owner, out)
+
+
+@inner
+def _write(tile, i, j, depth, owner, out):
+    """Let a particle be what one subpixel sees."""
+    tile.depth[i, j] = depth
+    tile.owner[i, j] = owner
+    for band in range(4):
+        tile.colour[i, j, band] = out[band]
 
 
 @inner

@@ -159,24 +159,35 @@ def clump_particles(clump, index, leaf_diameter, sample_edge, deep):
 @inner
 def clump_leaf(clump, frame, leaves, start, i, number):
     """Offset of particle ``i`` from the centre of its clump, and its row in the library."""
-    bx, by, cx, cy, cz = frame
+    a, b, c, row = leaf_in_clump(clump, leaves, start, i, number)
+    x, y, z = clump_offset(clump, frame, a, b, c)
+    return x, y, z, row
+
+
+@inner
+def leaf_in_clump(clump, leaves, start, i, number):
+    """Place of particle ``i`` on the three axes of its clump, m, and its row in the library."""
     row = (start + i) & (LIBRARY - 1)
     if clump[KIND] == np.float32(LINE):
         a = clump[RA] * (np.float32(2) * (np.float32(i) + np.float32(0.5)) / np.float32(number) - 1)
-        b = np.float32(0)
-        c = np.float32(0)
-    else:
-        a = leaves.position[row, 0]
-        taper = np.float32(1)
-        if clump[KIND] == np.float32(SPRAY):
-            taper = np.float32(1.05) - np.float32(0.55) * (a + np.float32(1)) * np.float32(0.75)
-        a *= clump[RA]
-        b = leaves.position[row, 1] * clump[RB] * taper
-        c = leaves.position[row, 2] * clump[RC] * taper
+        return np.float32(a), np.float32(0), np.float32(0), row
+    a = leaves.position[row, 0]
+    taper = np.float32(1)
+    if clump[KIND] == np.float32(SPRAY):
+        taper = np.float32(1.05) - np.float32(0.55) * (a + np.float32(1)) * np.float32(0.75)
+    b = leaves.position[row, 1] * clump[RB] * taper
+    c = leaves.position[row, 2] * clump[RC] * taper
+    return np.float32(a * clump[RA]), np.float32(b), np.float32(c), row
+
+
+@inner
+def clump_offset(clump, frame, a, b, c):
+    """Offset, m, of a place on the axes of a clump from its centre: east, north, up."""
+    bx, by, cx, cy, cz = frame
     x = clump[DX] * a + bx * b + cx * c
     y = clump[DY] * a + by * b + cy * c
     z = clump[DZ] * a + cz * c
-    return x, y, z, row
+    return x, y, z
 
 
 @inner

@@ -20,6 +20,7 @@ from workbench.cameras import Camera, Pose
 from workbench.errors import SceneError
 from workbench.virtual import foliage, surfaces, views
 from workbench.virtual.above import Direction, map_from_above
+from workbench.virtual.air import air_of
 from workbench.virtual.grove import Grove
 from workbench.virtual.light import BANDS, Light, light_at
 from workbench.virtual.particles import TH, TZ
@@ -107,6 +108,7 @@ def render(
         field,
         light_map,
         ripples(wind, exposure),
+        air_of(light, frame.view.rotation[2], float(frame.view.centre[2] - scene.lowest)),
         frame,
         views.reach_of_trees(world, frame.view, frame.scale),
         _body_boxes(world, frame),
@@ -227,6 +229,8 @@ class _Tools:
     field: WindField
     light: LightMap
     waves: Ripples
+    air: np.ndarray
+    """As :func:`workbench.virtual.air.air_of`."""
     frame: _Frame
     tree_boxes: np.ndarray
     """First and last row and column (n, 4), subpixels, that each tree can touch."""
@@ -266,6 +270,7 @@ def _render_tile(tools: _Tools, window: tuple[int, int, int, int], results: dict
         cover,
         world.tree_cover,
         world.solids.cover,
+        tools.air,
         s,
         results["radiance"],
         results["depth"],

@@ -30,6 +30,8 @@ LEAF_DIAMETER = {"broadleaf": 0.06, "conifer": 0.05}
 """Diameter of a disc of foliage, metres: a leaf with its neighbours, a tuft of needles (3-9 cm)."""
 LEAF_AREA_INDEX = {"broadleaf": 2.7, "conifer": 2.8}
 """One-sided leaf area over crown area that takes part in the image; the rest of a real index hides below."""
+_CLUMPS_A_BRANCH = 6
+_BRANCH_SPREAD = 0.2  # Of the clumps of a branch around it, in radii of the lobe.
 
 
 @dataclass(frozen=True, eq=False)
@@ -141,11 +143,16 @@ def _lobes(height: float, radius: float, share: float, rng: np.random.Generator)
     tall = np.minimum(size * rng.uniform(0.9, 1.3, lobes), 0.5 * depth)
     weights = size**2 / np.sum(size**2)
     number = int(np.clip(14 * (2 * radius) ** 1.25, 12, 420))
-    which = rng.choice(lobes, number, p=weights)
     clump = np.clip(0.30 * radius**0.45, 0.16, 0.75) * rng.uniform(0.7, 1.3, number)
-    up = rng.uniform(-0.35, 1.0, number)
-    around = rng.uniform(0, 2 * np.pi, number)
-    shell = rng.uniform(0.55, 1.0, number) ** 0.5
+    # Clumps sit in groups on branches; between branches light falls deep into the crown.
+    branches = max(number // _CLUMPS_A_BRANCH, 3)
+    branch = np.arange(number) % branches
+    which = rng.choice(lobes, branches, p=weights)[branch]
+    up = rng.uniform(-0.35, 1.0, branches)[branch] + rng.normal(0, _BRANCH_SPREAD, number)
+    up = np.where(up > 1, 2 - up, up)
+    around = rng.uniform(0, 2 * np.pi, branches)[branch]
+    around = around + rng.normal(0, _BRANCH_SPREAD, number) / np.sqrt(np.maximum(1 - up**2, 0.1))
+    shell = rng.uniform(0.55, 1.0, branches)[branch] ** 0.5 * rng.uniform(0.85, 1.05, number)
     level = np.sqrt(np.maximum(1 - up**2, 0))
     rows = np.zeros((number, CLUMP_COLUMNS))
     reach = np.maximum(size[which] - clump, 0.3 * size[which])

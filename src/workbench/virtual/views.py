@@ -116,10 +116,18 @@ def leaf_on_tile(lens, tile, origin, ox, oy, oz):
     ``origin`` is in camera axes. Single precision is enough: 0.002 subpixels at most.
     """
     m = lens.turn
+    p = origin[0] + m[0, 0] * ox + m[0, 1] * oy + m[0, 2] * oz
+    q = origin[1] + m[1, 0] * ox + m[1, 1] * oy + m[1, 2] * oz
     w = origin[2] + m[2, 0] * ox + m[2, 1] * oy + m[2, 2] * oz
+    column, row = on_tile(lens, tile, p, q, w)
+    return column, row, w
+
+
+@inner
+def on_tile(lens, tile, p, q, w):
+    """Column and row on the tile of a place in camera axes, single precision."""
     over = np.float32(1) / w
-    u = (origin[0] + m[0, 0] * ox + m[0, 1] * oy + m[0, 2] * oz) * over
-    v = (origin[1] + m[1, 0] * ox + m[1, 1] * oy + m[1, 2] * oz) * over
+    u, v = p * over, q * over
     k = lens.bend
     r2 = u * u + v * v
     one, two = np.float32(1), np.float32(2)
@@ -130,7 +138,7 @@ def leaf_on_tile(lens, tile, origin, ox, oy, oz):
     dv = v * radial + k[2] * (r2 + two * v * v) + two * k[3] * u * v
     column = lens.scale[0] * du + lens.scale[2]
     row = lens.scale[1] * dv + lens.scale[3]
-    return column - np.float32(tile.column), row - np.float32(tile.row), w
+    return column - np.float32(tile.column), row - np.float32(tile.row)
 
 
 @inner
@@ -220,20 +228,25 @@ def meet_ground(world, view, rays, step, tile):
 
 
 @kernel
-def resolve(tile, cover, tree_cover, solid_cover, s, radiance, depth, cover_out, tree_out, row, column):
-    """Average the subpixels of every pixel; depth, cover and tree are those of its central subpixel."""
+def resolve(tile, cover, tree_cover, solid_cover, air, s, radiance, depth, cover_out, tree_out, row, column):
+    """Average the subpixels of every pixel and look at them through the air.
+
+    Depth, cover and tree are those of the central subpixel.
+    """
     rows, columns = tile.depth.shape[0] // s, tile.depth.shape[1] // s
     weight = np.float32(1.0 / (s * s))
     for i in range(rows):
         for j in range(columns):
+            ci, cj = i * s + s // 2, j * s + s // 2
+            way = tile.depth[ci, cj]
             for band in range(4):
                 total = np.float32(0)
                 for a in range(s):
                     for b in range(s):
                         total += tile.colour[i * s + a, j * s + b, band]
-                radiance[band, row + i, column + j] = total * weight
-            ci, cj = i * s + s // 2, j * s + s // 2
-            depth[row + i, column + j] = tile.depth[ci, cj]
+                clear = np.float32(math.exp(-air[0, band] * way))
+                radiance[band, row + i, column + j] = total * weight * clear + air[1, band] * way
+            depth[row + i, column + j] = way
             owner = tile.owner[ci, cj]
             code = cover[ci, cj]
             if owner >= 0:
