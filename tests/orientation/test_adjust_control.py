@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pycolmap
 import pytest
-from conftest import GSD, OFFSET  # type: ignore[import-not-found]
 
+from conftest import GSD, OFFSET  # type: ignore[import-not-found]
 from workbench.errors import OrientationError
 from workbench.orientation.control import rms
 from workbench.orientation.georeference import georeference
@@ -178,3 +178,24 @@ def test_covariance_without_anything_that_fixes_the_block_is_nan(virtual_block):
     block = virtual_block()
     found = pose_covariances(block.model, {})
     assert all(np.isnan(c).all() for c in found.values())
+
+
+def test_leaves_that_move_do_not_pull_a_photograph_along(virtual_block):
+    """A tenth of the points of one photograph, all on one side of it, moved 3 px the same way."""
+
+    def errors(sds):
+        block = virtual_block(noise=0.2, seed=4)
+        image = block.model.find_image_with_name("1_3.jpg")
+        seen = [k for k, p in enumerate(image.points2D) if p.has_point3D()]
+        seen.sort(key=lambda k: image.points2D[k].xy[1])
+        for k in seen[: len(seen) // 10]:
+            image.points2D[k].xy = image.points2D[k].xy + (0.0, 3.0)
+        options = OPTIONS.model_copy(update={"outlier_sds": sds})
+        georeference(block.model, block.site, OFFSET, options)
+        return centre_errors(block)["1_3.jpg"], block.model.compute_num_observations()
+
+    off, everything = errors(1000.0)
+    held, kept = errors(5.0)
+    assert np.linalg.norm(held) < 0.6 * np.linalg.norm(off)
+    # Hardly any observation beside the moved ones is lost.
+    assert 0.97 * everything < kept < everything

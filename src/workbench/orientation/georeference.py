@@ -8,13 +8,14 @@ from dataclasses import dataclass
 import numpy as np
 import pycolmap
 
-from workbench.orientation.adjust import adjust, drop_bad_points, focal_length_is_visible
+from workbench.orientation.adjust import adjust, drop_outliers, focal_length_is_visible
 from workbench.orientation.control import PointResidual, align_to_control, by_point, residuals
 from workbench.params import OrientParameters
 from workbench.site import ControlPoint, Site
 
 _LEAST_CONTROL = 3
 _LEAST_PLACED = 3
+_ROUNDS = 2  # Outliers hide others; more rounds eat into the good ones.
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,6 +98,10 @@ def georeference(
     free = options.focal_length == "free" or (options.focal_length == "auto" and visible)
     result = Georeference(site, offset, options, measured, tuple(control), gross, free, why, visible)
     result.adjust(model)
-    if drop_bad_points(model, options.max_reprojection_error):
+    # Where a threshold is sought by the checkpoints, nothing below the mapping's limit is decided before.
+    sds = None if options.optimise else options.outlier_sds
+    for _ in range(_ROUNDS):
+        if not drop_outliers(model, options.max_reprojection_error, sds):
+            break
         result.adjust(model)
     return result
