@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import errno
 import json
 import resource
+import shutil
 import time
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
@@ -27,6 +29,21 @@ FOLDERS = {
     "report": "report",
 }
 """Verb of each stage, in the order of the chain, and its folder under ``data/products/<site>``."""
+
+
+_NO_ROOM = frozenset(
+    (
+        errno.ENOSPC,
+        errno.EDQUOT,
+        errno.EFBIG,
+        errno.EROFS,
+        errno.EACCES,
+        errno.EPERM,
+        errno.EIO,
+        errno.ENOTDIR,
+    )
+)
+"""Errors of the system that a full or protected disk causes; any other is a mistake of ours."""
 
 
 @dataclass
@@ -61,27 +78,47 @@ def open_stage(folder: Path, parameters: Mapping[str, Section]) -> Iterator[Stag
     _reset_peak_memory()
     stage = Stage(folder)
     try:
-        folder.mkdir(parents=True, exist_ok=True)
-        stage.path("metrics.json").unlink(missing_ok=True)
-        sections = {name: section.model_dump(mode="json") for name, section in parameters.items()}
-        part = stage.path(".parameters.yaml.part")
-        with part.open("w", encoding="utf-8") as file:
-            YAML().dump(sections, file)
-        part.replace(stage.path("parameters.yaml"))
+        _prepare(stage, parameters)
     except OSError as error:
-        raise SiteError(
-            f"{folder}: cannot be written ({error}). Free space or choose another root."
-        ) from error
-    yield stage
+        raise _unwritable(folder, error) from error
+    try:
+        yield stage
+    except OSError as error:
+        if error.errno not in _NO_ROOM:
+            raise
+        raise _unwritable(Path(error.filename or folder), error) from error
     run = {
         "seconds": round(time.perf_counter() - started, 2),
         "cpu_seconds": round(time.process_time() - cpu, 2),
         "peak_memory_mb": round(_peak_memory_mb(), 1),
     }
     write_json(run, stage.path("run.json"))
-    (folder.parent / "metrics").mkdir(exist_ok=True)
+    try:
+        (folder.parent / "metrics").mkdir(exist_ok=True)
+    except OSError as error:
+        raise _unwritable(folder.parent / "metrics", error) from error
     write_json(stage.metrics, folder.parent / "metrics" / f"{folder.name}.json")
     write_json(stage.metrics, stage.path("metrics.json"))
+
+
+def _prepare(stage: Stage, parameters: Mapping[str, Section]) -> None:
+    """Make the folder, take away what an interrupted run left half written, and write the parameters."""
+    stage.folder.mkdir(parents=True, exist_ok=True)
+    stage.path("metrics.json").unlink(missing_ok=True)
+    for left in stage.folder.glob(".*"):
+        if left.is_dir():
+            shutil.rmtree(left)
+        elif left.name.endswith(".part"):
+            left.unlink()
+    sections = {name: section.model_dump(mode="json") for name, section in parameters.items()}
+    part = stage.path(".parameters.yaml.part")
+    with part.open("w", encoding="utf-8") as file:
+        YAML().dump(sections, file)
+    part.replace(stage.path("parameters.yaml"))
+
+
+def _unwritable(path: Path, error: OSError) -> SiteError:
+    return SiteError(f"{path}: cannot be written ({error}). Free space or choose another root.")
 
 
 def write_json(values: Mapping[str, Any], path: Path) -> None:
@@ -98,7 +135,7 @@ def write_json(values: Mapping[str, Any], path: Path) -> None:
         part.write_text(text, encoding="utf-8")
         part.replace(path)
     except OSError as error:
-        raise SiteError(f"{path}: cannot be written ({error}). Free space or choose another root.") from error
+        raise _unwritable(path, error) from error
 
 
 def read_json(path: Path) -> dict[str, Any]:
