@@ -96,7 +96,7 @@ def test_clicks_become_a_file_that_the_chain_reads(flown, tmp_path):
         tool.rough.event(x=column + 9, y=row - 14)
         assert tool.centre == pytest.approx((column + 9, row - 14))
         tool.exact.event(x=column, y=row)
-    assert tool.table.value.residual_px.max() < 1e-3
+    assert tool.table.object.residual_px.max() < 1e-3
     tool.photo.value = "p3.png"
     assert tool.centre == pytest.approx(true_place(block, "T1", "p3.png"), abs=1e-4)
     tool.exact.event(x=20.0, y=30.0)

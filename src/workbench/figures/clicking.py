@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, cast
 
 import holoviews as hv
 import holoviews.plotting.bokeh  # options of elements need it
@@ -154,7 +154,7 @@ class ClickTool:
         self.rough, self.exact = hv.streams.Tap(x=None, y=None), hv.streams.Tap(x=None, y=None)
         self.centre: tuple[float, float] | None = None
         self.message = pn.pane.Markdown("", sizing_mode="stretch_width")
-        self.table = pn.widgets.Tabulator(pd.DataFrame(), disabled=True, show_index=False, height=330)
+        self.table = pn.pane.DataFrame(pd.DataFrame(), index=False)
         self.overview = pn.pane.HoloViews(None, linked_axes=False)
         self.chip = pn.pane.HoloViews(None, linked_axes=False)
         self._remove = pn.widgets.Button(name="Remove this measurement")
@@ -190,7 +190,8 @@ class ClickTool:
         before = self.photo.value
         self.photo.options = options
         todo = [name for name in order if (self.point.value, name) not in self.measurements.places]
-        self.photo.value = next(iter(todo), order[0])
+        here = [name for name in todo if name in expected] or [n for n in order if n in expected] or todo
+        self.photo.value = next(iter(here), order[0])
         if self.photo.value == before:
             self._show_photograph()
 
@@ -200,12 +201,15 @@ class ClickTool:
 
     def _show_photograph(self) -> None:
         point, photo = self.point.value, self.photo.value
-        expected, source = self.measurements.predict(point)
+        expected, source = cast(tuple[dict, str], self.measurements.predict(point))
         self.image = read_photograph(self.measurements.site.photograph(photo).path)
         self.centre = self.measurements.places.get((point, photo))
         if self.centre is None and photo in expected:
             self.centre = (float(expected[photo][0]), float(expected[photo][1]))
+        if expected and photo not in expected:
+            source = "elsewhere"
         self.message.object = {
+            "elsewhere": "The point is not expected in this photograph: choose one that is marked ○.",
             "measured": "The cross is where the other measurements say that it should be.",
             "surveyed": "The cross comes from the surveyed place; two measurements make it exact.",
             "nothing": "Look for the point and click on it; after two photographs it is predicted.",
@@ -252,7 +256,7 @@ class ClickTool:
         left, top = int(np.clip(column - _CHIP, 0, width - 1)), int(np.clip(row - _CHIP, 0, height - 1))
         part = (left, top, min(left + 2 * _CHIP, width), min(top + 2 * _CHIP, height))
         self.chip.object = self._picture(part, 1, self.exact, 420, "exactly")
-        self.table.value = self._summary()
+        self.table.object = self._summary()
 
     def _picture(
         self, part: tuple[int, int, int, int], step: int, stream: Any, size: int, title: str
