@@ -143,7 +143,7 @@ class _ReedPanel:
         if parameters_file is not None:
             controls.append(write_button(parameters_file, self.values))
         pictures = self._pictures(ortho)
-        bounds = model.grid.bounds
+        bounds = _seen(model)
         wide = bounds[2] - bounds[0] > _WIDE * (bounds[3] - bounds[1])
         box = pn.Column(*pictures) if wide else pn.GridBox(*pictures, ncols=3)
         self.view = pn.Row(pn.Column(*controls, self.scores, width=340), box)
@@ -193,7 +193,7 @@ class _ReedPanel:
         self.mapper.update(low=shift, high=shift + 5.0)
 
     def _pictures(self, ortho: xr.DataArray | None) -> list[Any]:
-        photo, ohm, extent, density, front = plots = _plots(self.model.grid)
+        photo, ohm, extent, density, front = plots = _plots(_seen(self.model))
         if ortho is not None:
             picture = ColumnDataSource(_rgba_image(ortho))
             photo.image_rgba(source=picture, **_PLACE)
@@ -214,9 +214,17 @@ class _ReedPanel:
         return [*(pn.pane.Bokeh(plot) for plot in plots), legend]
 
 
-def _plots(grid: Grid) -> list[Any]:
+def _seen(model: ReedModel) -> tuple[float, float, float, float]:
+    """West, south, east, north of the areas of interest and a margin; of the surface without areas."""
+    if model.areas is None:
+        return model.grid.bounds
+    around = shapely.buffer(shapely.box(*model.areas.total_bounds), _MARGIN, join_style="mitre")
+    return shapely.intersection(around, shapely.box(*model.grid.bounds)).bounds
+
+
+def _plots(bounds: tuple[float, float, float, float]) -> list[Any]:
     """Five empty pictures that move together."""
-    west, south, east, north = grid.bounds
+    west, south, east, north = bounds
     width = 1000 if east - west > _WIDE * (north - south) else 380
     height = int(np.clip(width * (north - south) / (east - west), 90, 800))
     settings: dict[str, Any] = {
