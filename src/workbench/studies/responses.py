@@ -165,8 +165,8 @@ GROUPS: dict[str, tuple[Group, tuple[str, ...]]] = {
     "downscales": (downscales, ("surface",)),
     "heights": (heights, ("surface",)),
     "filling": (filling, ("surface",)),
-    "tops": (tops, ("mosaic", "trees")),
-    "crowns": (crowns, ("mosaic", "trees")),
+    "tops": (tops, ("trees",)),
+    "crowns": (crowns, ("trees",)),
     "reed": (reed, ("reed",)),
 }
 """Group of responses -> function, and the last stages that it needs."""

@@ -267,9 +267,12 @@ class _Runner:
         """Steps of a cell; the key of each holds all that it depends on."""
         parameters = parameters_of(self.study, cell, self.base)
         needed = {verb for group in self.study.responses for verb in GROUPS[group][1]}
+        needs = _NEEDS
+        if parameters.trees.mask_index == "none":
+            needs = _NEEDS | {"trees": ("surface",)}  # A mask by height alone asks for no orthophoto.
         for verb in reversed(_STEPS):
             if verb in needed:
-                needed |= set(_NEEDS.get(verb, ()))
+                needed |= set(needs.get(verb, ()))
         scene = scene_of(self.study, cell)
         origin = {
             # A copied scene is the same scene; another scene of the same name is not.
@@ -283,7 +286,7 @@ class _Runner:
         for verb in _STEPS:
             if verb not in needed:
                 continue
-            before = tuple(steps[v] for v in ("simulate", *_NEEDS.get(verb, ())))
+            before = tuple(steps[v] for v in ("simulate", *needs.get(verb, ())))
             content = {
                 "parameters": getattr(parameters, verb).model_dump(mode="json"),
                 "before": [step.key for step in before],
