@@ -198,6 +198,17 @@ def test_inflight_and_across_choose_the_pairs_of_the_thesis(block):
     }  # fmt: skip
 
 
+def test_between_distant_stations_of_the_other_strip_both_are_taken():
+    first = [photograph(f"0{k}", 20 * k, 0, order=k) for k in range(4)]
+    second = [photograph(f"1{k}", 20 * k + 9, 20, strip=1, order=k) for k in range(4)]
+    sparse = Block((*first, *second), UTM, "t", np.zeros((1, 3)))
+    across = [p for p in select_pairs(sparse, inflight=1, across=True, ground=0.0) if p.kind == "across"]
+    assert {(p.left.name, p.right.name) for p in across} == {
+        ("00", "10"), ("01", "11"), ("02", "12"), ("03", "13"),
+        ("01", "10"), ("02", "11"), ("03", "12"), ("00", "11"), ("02", "13"),
+    }  # fmt: skip
+
+
 def test_overlap_and_angle_follow_their_definitions(block):
     first, second = block.photographs[0], block.photographs[1]
     along = 480 * 2e-5 / 0.02 * 100

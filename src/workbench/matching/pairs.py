@@ -14,6 +14,7 @@ _LEAST_OVERLAP = 0.2
 _LARGEST_ANGLE = 45.0
 _SAME_VIEW = 25.0
 _LEAST_SIDE_OVERLAP = 0.5
+_DENSE = 0.7
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,11 +68,12 @@ def select_pairs(block: Block, *, inflight: int, across: bool | None, ground: fl
     """Pairs within strips, and on request between neighbouring strips [thesis 4.2].
 
     ``inflight`` n pairs each photograph with the n before and after it in its strip. ``across``
-    pairs it with the nearest photograph of each other strip; None does so where the two overlap by
-    half or more. A pair needs 20 % overlap, an
-    intersection angle up to 45 degrees, and axes within 25 degrees of each other (cameras of a rig
-    that look apart see nothing in common). A photograph without partner in its strip (kites, single
-    shots) is paired with its nearest overlapping neighbours instead.
+    pairs it with the nearest photograph of each other strip; None does so where that overlaps by half
+    or more. Where the photographs of the other strip overlap by less than 70 %, a point is in three of
+    them at most, and the next nearest is taken as well. A pair needs 20 % overlap, an intersection angle
+    up to 45 degrees, and axes within 25 degrees of each other (cameras of a rig that look apart see
+    nothing in common). A photograph without partner in its strip (kites, single shots) is paired with
+    its nearest overlapping neighbours instead.
 
     Raises
     ------
@@ -96,10 +98,14 @@ def select_pairs(block: Block, *, inflight: int, across: bool | None, ground: fl
         for number, photographs in sorted(strips.items()):
             if number == photograph.strip:
                 continue
-            nearest = min(
+            near = sorted(
                 photographs, key=lambda p: (np.linalg.norm(p.pose.centre - photograph.pose.centre), p.name)
-            )
-            _choose(chosen, photograph, nearest, "across", ground, least)
+            )[:2]
+            if overlap_at(photograph, near[0], ground) < least:
+                continue
+            _choose(chosen, photograph, near[0], "across", ground)
+            if len(near) == 2 and overlap_at(near[0], near[1], ground) < _DENSE:
+                _choose(chosen, photograph, near[1], "across", ground)
     if not chosen:
         raise MatchingError(
             "No two photographs overlap by a fifth with a usable angle: nothing can be matched. "
@@ -117,10 +123,9 @@ def _choose(
     second: OrientedPhotograph,
     kind: str,
     ground: float,
-    least_overlap: float = _LEAST_OVERLAP,
 ) -> None:
     names = (min(first.name, second.name), max(first.name, second.name))
-    if names in chosen or overlap_at(first, second, ground) < least_overlap:
+    if names in chosen or overlap_at(first, second, ground) < _LEAST_OVERLAP:
         return
     cosine = float(first.pose.view_direction @ second.pose.view_direction)
     if np.degrees(np.arccos(np.clip(cosine, -1, 1))) > _SAME_VIEW:
