@@ -82,18 +82,18 @@ class TreesParameters(Section):
         le=50,
     )
     window_start: float = parameter(
-        0.5,
+        0.0,
         "Radius of the growing search disc at height zero; may be negative.",
         unit="m",
-        source="between narrow conifers and wide broadleaf trees (docs/trees.md)",
+        source="best over conifer and broadleaf stands together (docs/trees.md)",
         ge=-20,
         le=20,
     )
     window_growth: float = parameter(
-        0.035,
+        0.07,
         "Growth of the radius with height.",
         unit="m/m",
-        source="1.5 m at 28 m height: half the spacing of closed conifer stands (docs/trees.md)",
+        source="as window_start; 1.4 m at 20 m",
         ge=0,
         le=1,
     )
@@ -136,7 +136,7 @@ class TreesParameters(Section):
         le=1,
     )
     broadleaf_start: float = parameter(
-        -0.7,
+        -0.5,
         "As window_start, in stands of type broadleaf.",
         unit="m",
         source="virtual stands of other seeds than those judged (docs/trees.md)",
@@ -144,7 +144,7 @@ class TreesParameters(Section):
         le=20,
     )
     broadleaf_growth: float = parameter(
-        0.14,
+        0.11,
         "As window_growth, in stands of type broadleaf.",
         unit="m/m",
         source="as broadleaf_start",
@@ -155,7 +155,7 @@ class TreesParameters(Section):
         13,
         "Edge of the bilateral filter before slope and aspect, odd, in cells of 0.2 m.",
         unit="cells",
-        source="the 49 of thesis 4.3 blur neighbouring crowns into each other (docs/trees.md)",
+        source="a sharper aspect than the 49 of thesis 4.3 (docs/trees.md)",
         ge=1,
         le=499,
     )
@@ -183,7 +183,7 @@ class TreesParameters(Section):
         None,
         "Growth stops where the smoothed surface falls less than this away from the top; null: no limit.",
         unit="degree",
-        source="limits cut crowns at every branch on virtual stands (docs/trees.md)",
+        source="thesis 3.3.3 prints no value",
         ge=-90,
         le=90,
     )
@@ -191,7 +191,7 @@ class TreesParameters(Section):
         None,
         "Growth stops where the smoothed surface falls more than this; null: no limit, the thesis has 60.",
         unit="degree",
-        source="as min_slope; thesis 4.5.2",
+        source="thesis 4.5.2: 60 with a filter of 49; with a smaller one it cuts crowns (docs/trees.md)",
         ge=-90,
         le=90,
     )
@@ -202,7 +202,7 @@ class TreesParameters(Section):
         4,
         "Largest difference between aspect and direction away from the top, in sixteenths of a turn.",
         unit="22.5 degree",
-        source="thesis 3.3: 16 directions; beyond a quarter turn the surface belongs to another slope",
+        source="thesis 3.3: 16 directions; a quarter turn (docs/trees.md)",
         ge=0,
         le=8,
     )
@@ -210,7 +210,7 @@ class TreesParameters(Section):
         0.2,
         "A crown ends where the surface is lower than this share of its top's height.",
         unit="1",
-        source="below are ground and understorey (docs/trees.md)",
+        source="below are ground and understorey; 0 to 0.3 make no difference (docs/trees.md)",
         ge=0,
         lt=1,
     )
