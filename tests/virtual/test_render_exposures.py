@@ -153,7 +153,9 @@ def test_a_coarse_photograph_is_the_average_of_a_fine_one(grove):
     coarse = render(grove, _camera(0.20, 80), _pose(), time=NOON, wind=Wind.calm())
     averaged = fine.radiance.values.reshape(4, 80, 4, 80, 4).mean(axis=(2, 4))
     difference = coarse.radiance.values - averaged
-    cover = np.where((averaged[3] < 0.3) & (coarse.cover == Cover.MEADOW), 0, coarse.cover.values)
+    # Lit meadow; what is lit is told from both, or the choice itself would make one the brighter.
+    shady = (averaged[3] + coarse.radiance.values[3]) / 2 < 0.3
+    cover = np.where(shady & (coarse.cover == Cover.MEADOW), 0, coarse.cover.values)
     assert abs(difference.mean()) < 0.05 * averaged.mean()
     for code, bias, spread in (
         (Cover.MEADOW, 0.03, 0.15),
