@@ -8,7 +8,7 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 from workbench.params import Parameters
-from workbench.site import Site
+from workbench.site import Site, check_site, write_overlap
 from workbench.stages import FOLDERS, open_stage
 
 Stage = Callable[[Site, Parameters], Any]
@@ -20,7 +20,14 @@ def run_site(
     stages: Mapping[str, Stage],
     announce: Callable[[str], None] = print,
 ) -> None:
-    """Run all stages that a site has inputs for; an interrupted one continues when run again."""
+    """Run all stages that a site has inputs for; an interrupted one continues when run again.
+
+    First says what is wrong with the site, how its photographs overlap and what time and memory to expect.
+    """
+    report = check_site(site, parameters)
+    announce(str(report))
+    if report.overlap is not None:
+        announce(f"overlap map: {write_overlap(report.overlap, site.products / 'check')}")
     for verb, stage in stages.items():
         announce(f"{verb} ...")
         started = time.perf_counter()
