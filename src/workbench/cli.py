@@ -197,7 +197,7 @@ def study(
         typer.echo(list_studies().to_string(index=False))
         return
     if name == "findings":
-        from workbench.studies.findings import write_findings
+        from workbench.studies.findings_page import write_findings
 
         typer.echo(str(write_findings(root)))
         return

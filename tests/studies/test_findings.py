@@ -17,8 +17,8 @@ from workbench.studies.findings import (
     all_rules,
     findings_table,
     judge_findings,
-    write_findings,
 )
+from workbench.studies.findings_page import write_findings
 
 PUBLISHED = Path(__file__).parents[2] / "data" / "published"
 
@@ -119,7 +119,11 @@ def test_a_finding_without_rule_is_an_error(root):
 
 def test_the_table_holds_rule_numbers_and_reason(root):
     table_4_01(root)
+    (root / "docs").mkdir()
     table = pd.read_csv(write_findings(root)).set_index("id")
+    page = (root / "docs" / "findings.md").read_text()
+    assert "### T02: confirmed" in page
+    assert "| thesis 4.1 | angle-gsd | 12 | 1.00 |" in page
     assert len(table) == 45
     assert "rule > 0.8" in table["ours"]["T02"]
     assert table["published"]["T05"].startswith("Table 4.2")

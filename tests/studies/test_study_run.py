@@ -3,14 +3,18 @@
 from __future__ import annotations
 
 import json
+import signal
+import subprocess
+import sys
+import time
 
 import pandas as pd
 import pytest
 
 from workbench.errors import StudyError
 from workbench.studies import runner
-from workbench.studies.design import Study
-from workbench.studies.runner import run_study
+from workbench.studies.design import Study, load_study
+from workbench.studies.runner import estimate_study, run_study
 
 
 def quiet(text):
@@ -113,6 +117,57 @@ def test_an_interrupted_study_continues_to_the_same_table(root, scene, result, t
     # Two workers in processes of their own, on top of what one had done.
     again = run_study(small_study(scene), tmp_path, announce=quiet, workers=2)
     assert again.table.equals(run_study(small_study(scene), root, announce=quiet).table)
+
+
+@pytest.mark.slow
+def test_a_study_killed_at_work_continues_to_the_same_table(scene, result, tmp_path):
+    path = tmp_path / "open-land.yaml"
+    study = small_study(scene).model_dump(mode="json", exclude_defaults=True)
+    path.write_text(json.dumps(study))
+    command = [sys.executable, "-m", "workbench.cli", "study", str(path), "--root", str(tmp_path)]
+    steps = tmp_path / "data" / "studies" / "steps"
+    with subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL) as running:
+        while running.poll() is None and not list(steps.glob("match-*/done.json")):
+            time.sleep(0.05)
+        running.send_signal(signal.SIGKILL)
+    assert not (tmp_path / "data" / "studies" / "open-land" / "table.csv").exists()
+    subprocess.run(command, check=True, capture_output=True)
+    continued = tmp_path / "data" / "studies" / "open-land" / "table.csv"
+    assert continued.read_bytes() == (result.folder / "table.csv").read_bytes()
+
+
+def test_a_study_file_changed_while_it_runs_is_noticed(root, scene, result, tmp_path, monkeypatch):
+    path = tmp_path / "open-land.yaml"
+    path.write_text(json.dumps(small_study(scene).model_dump(mode="json", exclude_defaults=True)))
+    original = runner._Runner.run
+
+    def edited(self, cells, client):
+        path.write_text(path.read_text() + "\n")
+        return original(self, cells, client)
+
+    monkeypatch.setattr(runner._Runner, "run", edited)
+    with pytest.raises(StudyError, match=r"open-land.yaml was changed while"):
+        run_study(load_study(path), root, announce=quiet)
+
+
+def test_levels_that_set_several_values_and_strips_left_out(root, scene, result):
+    both = small_study(
+        scene,
+        name="strips",
+        factors={"flown": {"one": {"thin": 2}, "all": {}}, "strips": [1]},
+    )
+    table = run_study(both, root, announce=quiet).table
+    known = result.table[result.table["response"] == "angle"].set_index("thin")["value"]
+    ours = table[table["response"] == "angle"].set_index("flown")["value"]
+    assert ours["one"] == known[2]
+    assert ours["all"] == known[1]
+
+
+def test_what_a_study_would_cost_is_estimated_from_what_was_measured(root, scene, result):
+    costs = estimate_study(small_study(scene, factors={"thin": [1, 2, 4]}), root).set_index("step")
+    assert costs["steps"].to_dict() == {"simulate": 1, "orient": 3, "match": 3, "surface": 3}
+    assert costs["done"].to_dict() == {"simulate": 1, "orient": 2, "match": 2, "surface": 2}
+    assert costs["seconds_left"]["match"] == pytest.approx(costs["seconds_each"]["match"])
 
 
 def test_a_cell_that_fails_is_recorded_and_the_rest_goes_on(root, scene, result):

@@ -254,8 +254,9 @@ def unmatched_lines(root: Path = Path()) -> dict[str, Collapse]:
     }
     for name in ("angle-gsd", "angle-gsd-quick"):
         path = Path(root) / "data" / "studies" / name / "table.csv"
-        if path.exists():
-            lines["virtual"] = study_collapse(pd.read_csv(path), "count_0_mask")
+        study = pd.read_csv(path) if path.exists() else None
+        if study is not None and "count_0_mask" in set(study["response"]):
+            lines["virtual"] = study_collapse(study, "count_0_mask")
             break
     return lines
 

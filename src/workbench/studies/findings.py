@@ -238,23 +238,6 @@ def findings_table(findings: Iterable[Finding]) -> pd.DataFrame:
     return pd.DataFrame(rows)
 
 
-def write_findings(root: Path = Path()) -> Path:
-    """Judge all findings and write ``data/studies/findings.csv``.
-
-    Returns
-    -------
-    Path
-        Of the table.
-    """
-    path = Path(root) / "data" / "studies" / "findings.csv"
-    path.parent.mkdir(parents=True, exist_ok=True)
-    table = findings_table(judge_findings(root))
-    part = path.with_name(f".{path.name}.part")
-    table.to_csv(part, index=False, lineterminator="\n")
-    part.replace(path)
-    return path
-
-
 def rule(
     number: str, text: str, published: str
 ) -> Callable[[Callable[[Evidence], Iterable[Criterion]]], Rule]:
