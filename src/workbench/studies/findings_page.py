@@ -18,8 +18,8 @@ _HEAD = """# Findings of the three papers, tested again
 
 Made by `workbench study findings`; do not edit. Each finding has a rule, written and committed before any
 study had run (`src/workbench/studies/findings_*.py`). It is confirmed if every criterion holds for the mean
-over seeds. In brackets: 95 % intervals over seeds (Student); *sure* means that none holds its threshold. The studies
-are the quick presets unless a full one has been run: see [studies](studies.md).
+over seeds. In brackets: 95 % intervals over seeds (Student); *sure* means that none holds its threshold. The
+studies are the quick presets unless a full one has been run: see [studies](studies.md).
 """
 
 
