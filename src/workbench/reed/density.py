@@ -170,7 +170,7 @@ def reed_area(
     )
     across = _lengths(pixels.west - cells.west, pixels, pixels.width, cells.resolution, cells.width, "area")
     down = _lengths(cells.north - pixels.north, pixels, pixels.height, cells.resolution, cells.height, "area")
-    return (across @ (down @ mask.astype(np.float32)).T).T.astype(np.float64)
+    return (across @ (down @ mask).T).T
 
 
 def classify_cells(

@@ -225,21 +225,40 @@ def lake_side(shoreline: Shoreline, grid: Grid) -> BaseGeometry:
 def _cleaned(reed: np.ndarray, known: np.ndarray, grid: Grid, min_area: float, min_hole: float) -> np.ndarray:
     """Without small gaps of known height, then without small patches."""
     cell = grid.resolution**2
+    window = _window(reed)
+    if window is None:
+        return reed
+    part = reed[window]
     if min_hole > cell:
-        # What surrounds four-connected patches is eight-connected.
-        gaps, number = ndimage.label(~reed, structure=_ALL_NEIGHBOURS)
-        open_ = np.bincount(gaps.ravel(), minlength=number + 1) * cell >= min_hole * (1 - 1e-9)
-        open_[np.unique(gaps[~known])] = True
-        for edge in (gaps[0], gaps[-1], gaps[:, 0], gaps[:, -1]):
-            open_[np.unique(edge)] = True
-        open_[0] = False
-        reed = reed | ((gaps > 0) & ~open_[gaps])
+        part = part | _small_gaps(part, known[window], min_hole / cell * (1 - 1e-9))
     if min_area > cell:
-        patches, number = ndimage.label(reed)
-        large = np.bincount(patches.ravel(), minlength=number + 1) * cell >= min_area * (1 - 1e-9)
+        patches, number = ndimage.label(part)
+        large = np.bincount(patches.ravel(), minlength=number + 1) >= min_area / cell * (1 - 1e-9)
         large[0] = False
-        reed = large[patches]
-    return reed
+        part = large[patches]
+    cleaned = np.zeros_like(reed)
+    cleaned[window] = part
+    return cleaned
+
+
+def _window(mask: np.ndarray) -> tuple[slice, slice] | None:
+    """Rows and columns around all that is true, and one beyond, so that what encloses it is seen."""
+    rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
+    if not len(rows):
+        return None
+    return slice(max(rows[0] - 1, 0), rows[-1] + 2), slice(max(columns[0] - 1, 0), columns[-1] + 2)
+
+
+def _small_gaps(reed: np.ndarray, known: np.ndarray, cells: float) -> np.ndarray:
+    """Gaps of fewer cells that are enclosed by reed and hold no unknown cell."""
+    # What surrounds four-connected patches is eight-connected.
+    gaps, number = ndimage.label(~reed, structure=_ALL_NEIGHBOURS)
+    small = np.bincount(gaps.ravel(), minlength=number + 1) < cells
+    small[np.unique(gaps[~known])] = False
+    for edge in (gaps[0], gaps[-1], gaps[:, 0], gaps[:, -1]):
+        small[np.unique(edge)] = False
+    small[0] = False
+    return small[gaps]
 
 
 def _polygons(mask: np.ndarray, grid: Grid) -> np.ndarray:
