@@ -66,8 +66,25 @@ def test_every_photograph_damaged(tmp_path):
 
 def test_no_position_and_no_control_fix_nothing(tmp_path):
     write_flight(tmp_path / "photos", place=None, xmp={})
-    with pytest.raises(OrientationError, match="neither recorded positions nor control points"):
+    with pytest.raises(OrientationError, match=r"0 photograph.*0 control points.*navigation file"):
         orient_site(site_of(tmp_path, crs="EPSG:32633"), Parameters())
+
+
+@pytest.mark.parametrize(
+    ("place", "message"),
+    [
+        ((5305000.0, 309310.0), r"P0.*x and y are swapped.*Exchange the two columns"),
+        ((757985.0, 5307615.0), r"P0.*coordinates are in WGS 84 / UTM zone 32N.*Transform them"),
+        ((12.45, 47.86), r"P0.*look like degrees.*Transform them"),
+    ],
+)
+def test_a_control_point_in_the_wrong_place_stops_the_chain(tmp_path, place, message):
+    write_flight(tmp_path / "photos")
+    control, observations = tmp_path / "control.csv", tmp_path / "observations.csv"
+    control.write_text(f"{HEADER}P0,{place[0]},{place[1]},550,0.02,0.03,control\n")
+    observations.write_text("name,photo,column,row\nP0,IMG_0000.jpg,50,60\nP0,IMG_0001.jpg,50,60\n")
+    with pytest.raises(OrientationError, match=message):
+        orient_site(site_of(tmp_path, control=control, observations=observations), Parameters())
 
 
 def test_the_command_line_says_it_in_one_message(tmp_path):

@@ -23,7 +23,7 @@ from workbench.orientation.quality import doming
 from workbench.orientation.tie_points import TiePoints, feature_scales, tie_points
 from workbench.params import OrientParameters, Parameters
 from workbench.points import write_points
-from workbench.site import Site
+from workbench.site import Site, check_site
 from workbench.stages import FOLDERS, open_stage
 
 _LEAST_PHOTOGRAPHS = 2
@@ -43,9 +43,11 @@ def orient_site(site: Site, parameters: Parameters) -> dict:
     Raises
     ------
     OrientationError
-        If CRS, datum or cameras are open, photographs cannot be connected, or nothing fixes the block.
+        If CRS, datum or cameras are open, the site has errors (see :func:`workbench.site.check_site`),
+        photographs cannot be connected, or nothing fixes the block.
     """
     _require_answers(site)
+    _require_sound(site)
     options = parameters.orient
     with open_stage(site.products / FOLDERS["orient"], {"orient": options}) as stage:
         offset = _offset(site)
@@ -117,6 +119,15 @@ def _require_answers(site: Site) -> None:
     if len(site.photographs) < _LEAST_PHOTOGRAPHS:
         raise OrientationError(
             f"Site {site.name} has {len(site.photographs)} usable photograph(s): overlapping ones are needed."
+        )
+
+
+def _require_sound(site: Site) -> None:
+    """Refuse a site whose files contradict each other: a control point in another zone bends the block."""
+    errors = check_site(site).errors
+    if errors:
+        raise OrientationError(
+            f"Site {site.name} has {len(errors)} error(s):\n" + "\n".join(f"  {error}" for error in errors)
         )
 
 
