@@ -1,4 +1,4 @@
-"""What the studies cost: steps, seconds and the estimate of the full set, from what was measured below a root.
+"""What the studies cost: seconds that were spent, and an estimate of the full set from them.
 
 python benchmarks/studies.py [--root DIR]
 """
@@ -25,7 +25,7 @@ def main() -> None:
         spent = pd.read_csv(costs)["seconds"].sum() if costs.exists() else float("nan")
         full = estimate_study(load_study(name), root)
         whole = float((full["seconds_each"] * full["steps"]).sum())
-        rows.append((name, round(spent), int(full["steps"].sum()), round(whole / 3600, 2)))
+        rows.append((name, round(spent, 1), int(full["steps"].sum()), round(whole / 3600, 2)))
     table = pd.DataFrame(rows, columns=["study", "quick_s", "full_steps", "full_h"])
     print(table.to_string(index=False))
     print(f"quick {table['quick_s'].sum() / 60:.1f} min, full {table['full_h'].sum():.1f} h of single steps")
