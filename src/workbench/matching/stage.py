@@ -40,6 +40,7 @@ _CACHED_PHOTOGRAPHS = 8
 _ROOM = 0.1
 _STEP = 0.5  # Coarser heights are refined smoothly between neighbours that differ by no more, metres.
 _CHUNK = 1024
+_END = 2.0  # Pixels at both ends of the range, one of them beyond the heights that are searched.
 
 
 @dataclass(frozen=True, eq=False)
@@ -193,6 +194,9 @@ def _match(
         threads=options.threads,
     )
     disparity = np.where(result.valid, result.disparity, np.nan).astype(np.float32)
+    # A best match at the end of the range need not be a minimum: a better one may lie beyond.
+    at_end = (disparity < _END) | (disparity > rectification.disparities - _END)
+    disparity[at_end] = np.nan
     confidence = np.clip(np.rint(result.confidence.values * 255), 0, 255).astype(np.uint8)
     return MatchedPair(pair.name, downscale, rectification, disparity, confidence)
 

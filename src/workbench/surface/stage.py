@@ -98,7 +98,9 @@ def surface_site(site: Site, parameters: Parameters) -> dict:
         counted = _count(PossibleCount(pairs, surface), levels, layers, grid, options, stage)
         stage.metrics.update(counted)
         canopy = CanopyHeights()
-        stage.metrics.update(_terrain(site, _filled(stage, options).surface, canopy, options, stage))
+        surface = _filled(stage, options)
+        finest = store.downscales[0]
+        stage.metrics.update(_terrain(site, surface.surface, layers, finest, canopy, options, stage))
         stage.metrics.update(_crowns(pairs, canopy, ground_height(block), counted["no_data_share"]))
     return stage.metrics
 
@@ -227,18 +229,32 @@ def _median(counts: np.ndarray) -> float | None:
 
 
 def _terrain(
-    site: Site, surface: xr.DataArray, canopy: CanopyHeights, options: SurfaceParameters, stage: Stage
+    site: Site,
+    surface: xr.DataArray,
+    layers: ScratchArrays,
+    finest: int,
+    canopy: CanopyHeights,
+    options: SurfaceParameters,
+    stage: Stage,
 ) -> dict:
     """Write terrain and height above it; share of the terrain that was seen."""
     grid = Grid.of(surface)
     datum = str(surface.attrs["vertical_datum"])
     given = None if site.dtm is None else UserTerrain(read_raster(site.dtm, chunks=1024), surface)
     if given is None:
+        possible = read_raster(stage.path("possible_count.tif"), chunks=max(options.tile_size, 512))
+
+        def confirmed(window: tuple[slice, slice]) -> np.ndarray:
+            """Cells that two pairs agree on, or that the one pair that sees them measured in detail."""
+            alone = (possible[window].values < 2) & (layers.read("provenance", window) == finest)
+            return alone | (layers.read("count", window) >= 2)
+
         coarse, seen = ground_filter(
             surface,
             cell=options.ground_cell,
             rigidness=options.ground_rigidness,
             threshold=options.ground_threshold,
+            trusted=confirmed,
         )
         base = Grid.of(coarse)
     ground = 0

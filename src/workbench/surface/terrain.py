@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import os
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 
 import CSF
 import numba
@@ -29,6 +29,7 @@ def ground_filter(
     cell: float = _DEFAULTS.ground_cell,
     rigidness: int = _DEFAULTS.ground_rigidness,
     threshold: float = _DEFAULTS.ground_threshold,
+    trusted: Callable[[tuple[slice, slice]], np.ndarray] | None = None,
 ) -> tuple[xr.DataArray, xr.DataArray]:
     """Terrain by cloth simulation (Zhang et al. 2016) on the lowest height of coarse cells.
 
@@ -45,6 +46,9 @@ def ground_filter(
         1 steep, 2 with relief, 3 flat.
     threshold
         Points within this distance of the cloth are ground, metres.
+    trusted
+        Gives, for a window of rows and columns, the cells (bool) that may be ground: a false match
+        below the ground would draw the cloth down. All by default.
 
     Returns
     -------
@@ -59,7 +63,7 @@ def ground_filter(
         If the surface has fewer than ten heights.
     """
     datum = require_heights(surface)
-    lowest = _lowest(surface, cell)
+    lowest = _lowest(surface, cell, trusted)
     rows, columns = np.nonzero(np.isfinite(lowest.values))
     if len(rows) < _LEAST_POINTS:
         raise SurfaceError(f"Surface {surface.name} has {len(rows)} heights: too few to find the ground.")
@@ -252,7 +256,9 @@ def _bilinear(
     return result
 
 
-def _lowest(surface: xr.DataArray, cell: float) -> xr.DataArray:
+def _lowest(
+    surface: xr.DataArray, cell: float, trusted: Callable[[tuple[slice, slice]], np.ndarray] | None
+) -> xr.DataArray:
     grid = Grid.of(surface)
     coarse = Grid.from_bounds(grid.crs, grid.bounds, max(cell, grid.resolution))
     rows = np.clip(((coarse.north - grid.y) / coarse.resolution).astype(int), 0, coarse.height - 1)
@@ -260,7 +266,10 @@ def _lowest(surface: xr.DataArray, cell: float) -> xr.DataArray:
     lowest = np.full(coarse.shape, np.inf, np.float32)
     for tile in grid.tiles(2048):
         values = surface.isel(y=tile.core[0], x=tile.core[1]).values
-        row, column = np.nonzero(np.isfinite(values))
+        usable = np.isfinite(values)
+        if trusted is not None:
+            usable &= trusted(tile.core)
+        row, column = np.nonzero(usable)
         places = rows[tile.core[0]][row], columns[tile.core[1]][column]
         np.minimum.at(lowest, places, values[row, column])
     lowest[np.isinf(lowest)] = np.nan
