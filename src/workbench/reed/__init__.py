@@ -24,6 +24,7 @@ from workbench.reed.measure import ReedMetrics, ReedModel, measure_reed
 from workbench.reed.stage import load_model, load_references, reed_site
 from workbench.reed.status import arsi, assess_sections, classify
 from workbench.reed.transects import lay_transects, strips
+from workbench.reed.tuning import of_areas, tune_thresholds
 from workbench.reed.uncertainty import Uncertainty, propagate, sensitivity
 
 __all__ = [
@@ -58,6 +59,7 @@ __all__ = [
     "map_extent",
     "measure_reed",
     "object_height",
+    "of_areas",
     "propagate",
     "read_field_points",
     "read_plots",
@@ -67,4 +69,5 @@ __all__ = [
     "status_agreement",
     "strips",
     "trace_front",
+    "tune_thresholds",
 ]

@@ -1,0 +1,289 @@
+"""The reed paper on a virtual lake: fourteen areas flown with the 3K rig, through the whole chain.
+
+``python benchmarks/reed_lake.py ROOT --fly`` makes two sites below ROOT, ``chiemsee14`` (the rig of three
+cameras, three strips, so that each camera sees the shore once) and ``chiemsee14_nadir`` (its nadir camera
+alone), and runs orientation (by recorded positions, as the authors did), matching, surface and orthophoto:
+about half an hour on two cores. Without ``--fly`` it prints, of the sites that are there: heights by area
+beside table 1, error matrices beside tables 2 to 4 (thresholds of the paper, and tuned on the odd areas and
+tested on the even ones, and the other way round), what limits them, and the numbers behind R01 to R10.
+"""
+
+from __future__ import annotations
+
+import argparse
+from dataclasses import replace
+from pathlib import Path
+
+import pandas as pd
+import xarray as xr
+
+from workbench.params import Parameters, ReedParameters
+from workbench.rasters import Grid, new_raster, read_raster
+from workbench.reed import (
+    ReedModel,
+    References,
+    agreement_by_area,
+    agreements,
+    compare_heights,
+    load_model,
+    load_references,
+    of_areas,
+    tune_thresholds,
+)
+from workbench.reed.findings import (
+    coverage_finding,
+    depth_findings,
+    front_finding,
+    height_findings,
+    matrix_findings,
+)
+from workbench.site import Site, load_site
+from workbench.vectors import read_vector
+from workbench.virtual import load_scene, simulate_scene
+
+SCENE = "chiemsee14"
+RIG = {"camera": "3K", "frame": (900, 3328), "strips": 3, "side_overlap": 0.75}
+SITES = {SCENE: RIG, f"{SCENE}_nadir": {}}
+ODD = [str(area) for area in range(1, 15, 2)]
+EVEN = [str(area) for area in range(2, 15, 2)]
+AIMS = {"extent": 93.0, "density": 75.0, "status": 88.0}
+PUBLISHED = Path(__file__).parents[1] / "data" / "published"
+
+
+def fly(root: Path, inflight: int) -> None:
+    """Make both sites, and their products up to the orthophoto."""
+    from workbench.matching import match_site
+    from workbench.mosaic import mosaic_site
+    from workbench.orientation import orient_site
+    from workbench.surface import surface_site
+
+    parameters = Parameters()
+    parameters = parameters.model_copy(
+        update={
+            "orient": parameters.orient.model_copy(update={"georeference": "positions"}),
+            "match": parameters.match.model_copy(update={"inflight": inflight}),
+        }
+    )
+    stages = {
+        "orientation": orient_site,
+        "matching": match_site,
+        "surface": surface_site,
+        "mosaic": mosaic_site,
+    }
+    for name, overrides in SITES.items():
+        if not (root / "data" / "sites" / name / "site.yaml").exists():
+            simulate_scene(SCENE, root, parameters, flight_overrides=overrides, site_name=name)
+        site = load_site(name, root)
+        for folder, stage in stages.items():
+            if not (site.products / folder / "metrics.json").exists():
+                stage(site, parameters)
+
+
+def heights(compared: pd.DataFrame) -> None:
+    """Table 1 beside the published one."""
+    table = agreement_by_area(compared).set_index("aoi")
+    published = pd.read_csv(PUBLISHED / "reed_table1_height_rmse.csv", dtype={"aoi": str}).set_index("aoi")
+    table = table.join(published[["rmse_cm", "r2"]], rsuffix="_published")
+    table["rmse_published"] = table.pop("rmse_cm") / 100
+    show("Heights by area (table 1), m", table.round(2))
+
+
+def matrices(model: ReedModel, references: References, options: ReedParameters, title: str) -> None:
+    """Tables 2 to 4 beside the published ones."""
+    published = pd.read_csv(PUBLISHED / "error_matrix_scores.csv")
+    published = published[published.source == "reed"].set_index(published.table.str.split().str[1])
+    rows = []
+    for name, agreement in agreements(model.measure(options), references).items():
+        matrix = agreement.matrix
+        interval = matrix.intervals().set_index("score").loc["overall_accuracy"]
+        rows.append(
+            {
+                "matrix": name,
+                "overall_pct": 100 * matrix.overall_accuracy,
+                "low": 100 * interval.low,
+                "high": 100 * interval.high,
+                "kappa": matrix.kappa,
+                "published_pct": published.overall_accuracy_pct[name],
+                "published_kappa": published.kappa[name],
+                "aim_pct": AIMS[name],
+                "n": int(matrix.total),
+                "left_out": agreement.left_out,
+                "producer": " ".join(f"{100 * v:.0f}" for v in matrix.producer_accuracy),
+                "user": " ".join(f"{100 * v:.0f}" for v in matrix.user_accuracy),
+                "counts": matrix.counts.astype(int).tolist(),
+            }
+        )
+    table = pd.DataFrame(rows).set_index("matrix").round(2)
+    show(f"{title} (tables 2 to 4)", table.drop(columns="counts"))
+    for row in rows:
+        print(f"  {row['matrix']}: rows classified, columns reference {row['counts']}")
+
+
+def tuned(model: ReedModel, references: References) -> dict[str, ReedParameters]:
+    """Thresholds of one half of the areas, tested on the other."""
+    found = {}
+    for name, train, test in (("odd", ODD, EVEN), ("even", EVEN, ODD)):
+        options = tune_thresholds(model, of_areas(references, train))
+        found[name] = options
+        cuts = (
+            f"b {options.min_height:g} m, variance {options.variance_cut:g} m2, mean {options.mean_cut:g} m"
+        )
+        matrices(
+            model,
+            of_areas(references, test),
+            options,
+            f"Tuned on the {name} areas ({cuts}, aRSI {options.arsi_cut:.2f}), tested on the others",
+        )
+    return found
+
+
+def limits(site: Site, model: ReedModel, references: References) -> None:
+    """One disturbance after the other taken away: what is left of the errors."""
+    rows = []
+    moved = replace(
+        references,
+        points=at_true_places(site, references.points),
+        plots=at_true_places(site, references.plots),
+    )
+    truth = {name: read_raster(site.truth / f"{name}.tif") for name in ("dsm", "dsm_mean")}
+    seen = like(model, coarser(truth["dsm_mean"], 0.14))
+    cases = [
+        ("surface of the chain", model, references),
+        ("the same, field positions without GNSS error", model, moved),
+        ("true surface seen from above, cells of 0.1 m", like(model, truth["dsm_mean"]), references),
+        ("the same, cells of 0.14 m", seen, references),
+        ("the same, field positions without GNSS error", seen, moved),
+        ("the same, averaged over 0.7 m", like(model, blurred(truth["dsm_mean"], 7)), moved),
+        ("highest tip in a cell of 0.1 m, without GNSS error", like(model, truth["dsm"]), moved),
+    ]
+    for number, (name, case, reference) in enumerate(cases, start=1):
+        metrics = case.measure()
+        total = (
+            agreement_by_area(compare_heights(metrics.ohm, reference.points)).set_index("aoi").loc["total"]
+        )
+        found = agreements(metrics, reference)
+        scores = {key: 100 * agreement.matrix.overall_accuracy for key, agreement in found.items()}
+        rows.append(
+            {"case": f"{number} {name}", "rmse": total.rmse, "bias": total.bias, "r2": total.r2} | scores
+        )
+    show("What limits it (thresholds of the paper)", pd.DataFrame(rows).set_index("case").round(2))
+
+
+def at_true_places(site: Site, table: pd.DataFrame) -> pd.DataFrame:
+    """Field records moved by what the receiver was off at their transect."""
+    recorded = read_vector(site.transects)
+    true = read_vector(site.truth / "reed.gpkg", layer="transects")
+    both = recorded.merge(pd.DataFrame(true), on=["aoi", "transect"], suffixes=("", "_true"))
+    first = [
+        (t.coords[0][0] - r.coords[0][0], t.coords[0][1] - r.coords[0][1])
+        for r, t in zip(both.geometry, both.geometry_true, strict=True)
+    ]
+    shift = pd.DataFrame(first, columns=["dx", "dy"]).assign(
+        aoi=both.aoi.astype(str), transect=both.transect.astype(str)
+    )
+    joined = table.astype({"aoi": str, "transect": str}).merge(shift, on=["aoi", "transect"], how="left")
+    return joined.assign(x=joined.x + joined.dx, y=joined.y + joined.dy).drop(columns=["dx", "dy"])
+
+
+def like(model: ReedModel, dsm: xr.DataArray) -> ReedModel:
+    """The same lake with another surface."""
+    return ReedModel(dsm, model.water_level, model.shoreline, areas=model.areas, transects=model.transects)
+
+
+def coarser(dsm: xr.DataArray, resolution: float) -> xr.DataArray:
+    """Averaged over larger cells."""
+    old = Grid.of(dsm)
+    grid = Grid.from_bounds(old.crs, old.bounds, resolution)
+    moved = dsm.rio.reproject(
+        grid.crs,
+        shape=grid.shape,
+        transform=grid.transform,
+        resampling=5,  # average
+    )
+    return new_raster(
+        moved.values, grid, name="dsm", units="m", vertical_datum=dsm.attrs.get("vertical_datum")
+    )
+
+
+def blurred(dsm: xr.DataArray, cells: int) -> xr.DataArray:
+    """Mean of a square window, as matching windows see it."""
+    from scipy.ndimage import uniform_filter
+
+    return dsm.copy(data=uniform_filter(dsm.values, cells, mode="nearest"))
+
+
+def findings(site: Site, model: ReedModel, references: References) -> None:
+    """Numbers behind R01 to R06 and R08; R07 needs flights in other winds."""
+    metrics = model.measure()
+    compared = compare_heights(metrics.ohm, references.points)
+    numbers = {"R01 R02": height_findings(compared), "R03": depth_findings(compared, metrics, references)}
+    numbers["R04 R05 R06"] = matrix_findings(agreements(metrics, references))
+    fray = {belt.aoi: belt.fray for belt in load_scene(SCENE).reed}
+    numbers["R08"] = {"fray_to_sinuosity": front_finding(metrics, fray)}
+    true = read_vector(site.truth / "reed.gpkg", layer="sections").groupby("aoi").sinuosity.mean()
+    numbers["R08"]["true_to_measured_sinuosity_by_area"] = front_finding(metrics, true.to_dict())
+    print("\n## Findings")
+    for name, values in numbers.items():
+        print(f"{name}: " + ", ".join(f"{key} {value:.2f}" for key, value in values.items()))
+
+
+def thresholds_over_gsd(model: ReedModel, references: References) -> None:
+    """R10: best thresholds on the surface averaged to coarser cells."""
+    rows = []
+    for factor in (1, 2, 4):
+        resolution = model.grid.resolution * factor
+        case = model if factor == 1 else like(model, coarser(model.dsm, resolution))
+        best = tune_thresholds(case, references)
+        metrics = case.measure(best)
+        found = agreements(metrics, references)
+        rows.append(
+            {"cell_m": resolution, "b": best.min_height, "variance": best.variance_cut, "mean": best.mean_cut}
+            | {"arsi": best.arsi_cut}
+            | {key: 100 * agreement.matrix.overall_accuracy for key, agreement in found.items()}
+        )
+    show(
+        "R10: best thresholds on all areas, over the resolution",
+        pd.DataFrame(rows).set_index("cell_m").round(3),
+    )
+
+
+def show(title: str, table: pd.DataFrame) -> None:
+    """A table as text."""
+    with pd.option_context("display.width", 200, "display.max_columns", 30):
+        print(f"\n## {title}\n{table.to_string()}")
+
+
+def main() -> None:
+    """Fly if asked, then print the tables of every site that is there."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("root", type=Path)
+    parser.add_argument("--fly", action="store_true", help="make the sites and their products first")
+    parser.add_argument("--inflight", type=int, default=1, help="photographs before and after to match with")
+    arguments = parser.parse_args()
+    if arguments.fly:
+        fly(arguments.root, arguments.inflight)
+    rows = {}
+    for name in SITES:
+        if not (arguments.root / "data" / "products" / name / "surface" / "dsm.tif").exists():
+            continue
+        site = load_site(name, arguments.root)
+        model, references = load_model(site), load_references(site)
+        metrics = model.measure()
+        compared = compare_heights(metrics.ohm, references.points)
+        rows[name] = coverage_finding(metrics, compared) | {
+            key: 100 * agreement.matrix.overall_accuracy
+            for key, agreement in agreements(metrics, references).items()
+        }
+        print(f"\n# {name}")
+        heights(compared)
+        matrices(model, references, ReedParameters(), "Thresholds of the paper")
+        tuned(model, references)
+        if name == SCENE:
+            limits(site, model, references)
+            findings(site, model, references)
+            thresholds_over_gsd(model, references)
+    show("R09: rig of three cameras and nadir camera alone", pd.DataFrame(rows).T.round(3))
+
+
+if __name__ == "__main__":
+    main()
