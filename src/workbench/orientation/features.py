@@ -4,8 +4,12 @@ from __future__ import annotations
 
 import hashlib
 import os
+import shutil
 from collections import defaultdict
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
+from urllib.parse import quote
 
 import numpy as np
 import pycolmap
@@ -19,6 +23,8 @@ from workbench.stages import read_json, write_json
 # Its own log repeats what metrics and errors say, hundreds of lines long.
 pycolmap.logging.minloglevel = 2
 
+_BYTES_PER_FEATURE = 160  # 128 of the descriptor, position and shape, and the pages of the database.
+_BYTES_PER_MATCH = 4  # Eight, twice (raw and verified), for a quarter of the features.
 # Matches are verified at random and depend on which pairs there are, so seed and neighbours count.
 _DECISIVE = {"max_image_size", "first_octave", "max_features", "max_matches", "neighbours", "seed"}
 
@@ -38,24 +44,34 @@ def match_features(site: Site, parameters: OrientParameters, work: Path) -> Path
     Raises
     ------
     OrientationError
-        If a photograph has a camera whose questions are open.
+        If a photograph has a camera whose questions are open, or the database cannot be written.
     """
     work.mkdir(parents=True, exist_ok=True)
     database = work / f"features-{_options_key(site, parameters)}.db"
+    _require_room(site, parameters, work)
     folder = image_folder(site)
     _forget_changed(site, database)
     pycolmap.set_random_seed(parameters.seed)
-    _import(site, database, folder)
+    with _naming(database):
+        _fill(site, database, folder, parameters)
+    return database
+
+
+def _fill(site: Site, database: Path, folder: Path, parameters: OrientParameters) -> None:
+    """Photographs, features and verified matches, as far as the database does not hold them yet."""
     names = [_name(photograph, folder) for photograph in site.photographs]
+    pycolmap.Database.open(database).close()
+    _rename(database, {quote(name): name for name in names})  # As an interruption may have left them.
+    _import(site, database, folder)
     options = pycolmap.FeatureExtractionOptions()
     options.max_image_size = parameters.max_image_size
     options.num_threads = parameters.threads
     options.sift.max_num_features = parameters.max_features
     options.sift.first_octave = parameters.first_octave
     pycolmap.extract_features(database, folder, names, extraction_options=options, device=pycolmap.Device.cpu)
-    pairs = work / "pairs.txt"
+    pairs = database.with_name("pairs.txt")
     candidates = candidate_pairs(site.photographs, parameters.neighbours)
-    pairs.write_text("\n".join(f"{names[i]} {names[j]}" for i, j in candidates))
+    pairs.write_text("\n".join(f"{quote(names[i])} {quote(names[j])}" for i, j in candidates))
     matching = pycolmap.FeatureMatchingOptions()
     # The random samples of the verification depend on which thread takes which pair: one thread only.
     matching.num_threads = 1
@@ -64,8 +80,35 @@ def match_features(site: Site, parameters: OrientParameters, work: Path) -> Path
     verification.ransac.random_seed = parameters.seed
     pairing = pycolmap.ImportedPairingOptions()
     pairing.match_list_path = str(pairs)
+    # A list of pairs is divided at spaces, which names of photographs may hold.
+    _rename(database, {name: quote(name) for name in names})
     pycolmap.match_image_pairs(database, matching, pairing, verification, pycolmap.Device.cpu)
-    return database
+    _rename(database, {quote(name): name for name in names})
+
+
+def _require_room(site: Site, parameters: OrientParameters, work: Path) -> None:
+    """COLMAP ends the whole process when the disk is full, so that room is asked for before."""
+    count = len(site.photographs)
+    pairs = count * min(parameters.neighbours, count - 1)
+    needed = parameters.max_features * (count * _BYTES_PER_FEATURE + pairs * _BYTES_PER_MATCH)
+    free = shutil.disk_usage(work).free
+    if free < needed:
+        raise OrientationError(
+            f"{work}: {free / 1e6:.0f} MB are free, features and matches of {count} photographs take up to "
+            f"{needed / 1e6:.0f} MB. Free space, choose another root, or lower orient.max_features."
+        )
+
+
+@contextmanager
+def _naming(database: Path) -> Iterator[None]:
+    """Say which file failed: COLMAP tells neither a full disk nor a damaged file apart."""
+    try:
+        yield
+    except RuntimeError as error:
+        raise OrientationError(
+            f"{database}: cannot be written or read ({error}). Free space or choose another root; if there "
+            "is room, delete the file: features are then sought anew."
+        ) from error
 
 
 def candidate_pairs(photographs: tuple[Photograph, ...], neighbours: int) -> list[tuple[int, int]]:
@@ -112,7 +155,6 @@ def colmap_camera(camera: Camera) -> list[float]:
 
 def _import(site: Site, database: Path, folder: Path) -> None:
     """Cameras and photographs in a fixed order: their numbers, and so the result, depend on it."""
-    pycolmap.Database.open(database).close()
     by_camera: dict[str, list[str]] = defaultdict(list)
     for photograph in site.photographs:
         by_camera[photograph.camera].append(_name(photograph, folder))
@@ -131,6 +173,19 @@ def _import(site: Site, database: Path, folder: Path) -> None:
     for camera in handle.read_all_cameras():
         camera.has_prior_focal_length = True
         handle.update_camera(camera)
+    handle.close()
+
+
+def _rename(database: Path, names: Mapping[str, str]) -> None:
+    """Give photographs of the database other names; those that keep theirs are not touched."""
+    changed = {old: new for old, new in names.items() if old != new}
+    if not changed:
+        return
+    handle = pycolmap.Database.open(database)
+    for image in handle.read_all_images():
+        if image.name in changed:
+            image.name = changed[image.name]
+            handle.update_image(image)
     handle.close()
 
 
