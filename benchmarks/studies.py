@@ -24,11 +24,16 @@ def main() -> None:
         costs = root / "data" / "studies" / f"{name}-quick" / "costs.csv"
         spent = pd.read_csv(costs)["seconds"].sum() if costs.exists() else float("nan")
         full = estimate_study(load_study(name), root)
-        whole = float((full["seconds_each"] * full["steps"]).sum())
-        rows.append((name, round(spent, 1), int(full["steps"].sum()), round(whole / 3600, 2)))
-    table = pd.DataFrame(rows, columns=["study", "quick_s", "full_steps", "full_h"])
+        whole = [
+            float((full[kind] * full["steps"]).sum()) / 3600 for kind in ("seconds_each", "cpu_seconds_each")
+        ]
+        quick = estimate_study(load_study(name, quick=True), root)
+        processor = float((quick["cpu_seconds_each"] * quick["steps"]).sum()) / 60
+        rows.append((name, spent / 60, processor, int(full["steps"].sum()), *whole))
+    columns = ["study", "quick_min", "quick_cpu_min", "full_steps", "full_h", "full_cpu_h"]
+    table = pd.DataFrame(rows, columns=columns).round(2)
     print(table.to_string(index=False))
-    print(f"quick {table['quick_s'].sum() / 60:.1f} min, full {table['full_h'].sum():.1f} h of single steps")
+    print(table.drop(columns="study").sum().round(1).to_string())
 
 
 if __name__ == "__main__":

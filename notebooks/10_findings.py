@@ -31,6 +31,7 @@ import os
 from pathlib import Path
 
 import pandas as pd
+from IPython.display import display
 
 from workbench.figures.study_figures import draw_beside_published, draw_collapse, draw_response, draw_verdicts
 from workbench.figures.sweeps_panel import read_study
@@ -53,7 +54,9 @@ draw_verdicts(table)
 
 # %%
 pairs = side_by_side(root)
-pd.DataFrame([(p.table, p.study, len(p.cells), p.rho) for p in pairs], columns=["table", "study", "cells", "rank"])
+pd.DataFrame(
+    [(p.table, p.study, len(p.cells), p.rho) for p in pairs], columns=["table", "study", "cells", "rank"]
+)
 
 # %%
 for pair in pairs:
@@ -64,6 +67,7 @@ for pair in pairs:
 # ## Reed
 # Virtual belts of known stems, photographed as the 3K system does, and a field campaign with the positioning errors
 # of the authors.
+
 
 # %%
 def show(source):

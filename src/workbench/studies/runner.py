@@ -157,12 +157,13 @@ def estimate_study(study: Study, root: Path = Path(), parameters: Parameters | N
     """What a study would cost: steps, how many of them are done, and the seconds that the rest will take.
 
     Seconds are the mean of the steps of the same kind that were computed below ``root``, of this study or
-    others; NaN for a kind that never was.
+    others, on whatever machine and beside whatever else; NaN for a kind that never was. Processor seconds
+    depend less on what else the machine did.
 
     Returns
     -------
     DataFrame
-        step, steps, done, seconds_each, seconds_left.
+        step, steps, done, seconds_each, cpu_seconds_each, seconds_left.
     """
     runner = _Runner(study, parameters or Parameters(), Path(root).resolve(), print)
     steps = {step.key: step for cell in cells_of(study) for step in runner.plan(cell)}
@@ -172,8 +173,10 @@ def estimate_study(study: Study, root: Path = Path(), parameters: Parameters | N
         if mine:
             done = sum(_is_done(step) for step in mine)
             each = runner.seconds_each(verb)
-            rows.append((verb, len(mine), done, each, each * (len(mine) - done)))
-    return pd.DataFrame(rows, columns=["step", "steps", "done", "seconds_each", "seconds_left"])
+            cpu = runner.seconds_each(verb, "cpu_seconds")
+            rows.append((verb, len(mine), done, each, cpu, each * (len(mine) - done)))
+    columns = ["step", "steps", "done", "seconds_each", "cpu_seconds_each", "seconds_left"]
+    return pd.DataFrame(rows, columns=columns)
 
 
 def cell_folder(
@@ -334,17 +337,17 @@ class _Runner:
         each = self.seconds_each(step.verb)
         return each if each == each else 5.0
 
-    def seconds_each(self, verb: str) -> float:
+    def seconds_each(self, verb: str, kind: str = "seconds") -> float:
         """Mean seconds of the steps of a kind that were computed before; NaN without any."""
-        known = self._measured.get(verb, [])
+        known = [noted[kind] for noted in self._measured.get(verb, ()) if kind in noted]
         return sum(known) / len(known) if known else float("nan")
 
     @cached_property
-    def _measured(self) -> dict[str, list[float]]:
-        measured: dict[str, list[float]] = defaultdict(list)
+    def _measured(self) -> dict[str, list[dict[str, Any]]]:
+        measured: dict[str, list[dict[str, Any]]] = defaultdict(list)
         for path in sorted((self.root / "data" / "studies" / "steps").glob("*/done.json")):
             noted = read_json(path)
-            measured[noted["verb"]].append(noted["seconds"])
+            measured[noted["verb"]].append(noted)
         return measured
 
     def _respond(
@@ -399,7 +402,7 @@ class _Runner:
 
     def costs(self) -> pd.DataFrame:
         """Seconds and memory of what this run computed."""
-        return pd.DataFrame(self.spent, columns=["step", "seconds", "peak_memory_mb"])
+        return pd.DataFrame(self.spent, columns=["step", "seconds", "cpu_seconds", "peak_memory_mb"])
 
     def write_costs(self) -> None:
         """Append to ``costs.csv``: kept out of the table, because it differs from run to run."""
@@ -433,7 +436,7 @@ def _each(
 
 def _run_step(step: _Step, job: Mapping[str, Any]) -> dict[str, Any] | str:
     """Compute one step; what it failed with is a value, so that other steps go on."""
-    started = time.perf_counter()
+    started, cpu = time.perf_counter(), time.process_time()
     parameters = Parameters.model_validate(job["parameters"])
     try:
         # Within a worker of a cluster the stage has its own threads, not the cluster's.
@@ -444,7 +447,11 @@ def _run_step(step: _Step, job: Mapping[str, Any]) -> dict[str, Any] | str:
                 _run_stage(step, job, parameters)
     except _FAILURES as error:
         return f"{type(error).__name__}: {error}"
-    cost = {"seconds": round(time.perf_counter() - started, 2), "peak_memory_mb": _peak(step)}
+    cost = {
+        "seconds": round(time.perf_counter() - started, 2),
+        "cpu_seconds": round(time.process_time() - cpu, 2),
+        "peak_memory_mb": _peak(step),
+    }
     write_json({"verb": step.verb, **cost}, step.folder / "done.json")
     return cost
 
