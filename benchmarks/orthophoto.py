@@ -23,6 +23,7 @@ import geopandas as gpd
 import numpy as np
 import pandas as pd
 import xarray as xr
+from rasterio.features import geometry_mask
 
 from workbench.cameras import Camera, Pose
 from workbench.cameras.view import view_table
@@ -42,7 +43,7 @@ from workbench.virtual.wind import Wind
 from workbench.virtual.world import Cover
 
 _FAR = 50_000.0
-_POINTS, _APART, _HALF, _SEARCH = 50, 3.0, 0.6, 0.6
+_CANDIDATES, _POINTS, _APART, _HALF, _SEARCH = 120, 50, 3.0, 0.6, 0.6
 
 
 def main() -> None:
@@ -106,8 +107,9 @@ def places(site: Site, pictures: Path | None) -> None:
                 ("points", point_shifts(truth, ortho, points)),
                 ("roof edges", edge_shifts(truth, ortho, site)),
             ):
+                if place == "points":  # the strongest of those where the surface is right
+                    table = table[right].head(_POINTS)
                 known = table[table.score >= 0.7]
-                known = known[right[known.index]] if place == "points" else known
                 shift = known.shift_m.to_numpy() / cell
                 rows.append(
                     label
@@ -157,12 +159,16 @@ def marked_points(truth: xr.DataArray, site: Site) -> np.ndarray:
     """(n, 2) world coordinates of the strongest corners of what does not move in the wind."""
     grid = Grid.of(truth)
     cover = match_grid(read_raster((site.truth or site.folder) / "cover.tif"), grid, resampling="nearest")
+    # Neither leaves, which sway, nor the edge of a roof, which is judged by itself.
     leaves = np.isin(cover.values, [Cover.BROADLEAF, Cover.CONIFER, Cover.DEAD_TREE])
+    roofs = read_vector((site.truth or site.folder) / "buildings.gpkg")
+    edges = geometry_mask(list(roofs.boundary.buffer(0.5)), grid.shape, grid.transform, invert=True)
+    leaves |= edges
     border = int((_HALF + _SEARCH) / grid.resolution) + 8
     mask = cv2.erode((~leaves).astype(np.uint8), np.ones((2 * border // 3 + 1,) * 2, np.uint8))
     mask[:border] = mask[-border:] = mask[:, :border] = mask[:, -border:] = 0
     grey = truth.values.mean(axis=0).astype(np.float32)
-    found = cv2.goodFeaturesToTrack(grey, _POINTS, 0.001, _APART / grid.resolution, mask=mask)
+    found = cv2.goodFeaturesToTrack(grey, _CANDIDATES, 0.001, _APART / grid.resolution, mask=mask)
     columns, rows = found[:, 0].T
     return np.c_[grid.west + (columns + 0.5) * grid.resolution, grid.north - (rows + 0.5) * grid.resolution]
 
@@ -228,8 +234,6 @@ def strange(truth: xr.DataArray, ortho: xr.DataArray, site: Site) -> float:
     """Share of the cells around the houses whose colour is another thing's, off by more than 40 of 255."""
     grid = Grid.of(truth)
     roofs: gpd.GeoDataFrame = read_vector((site.truth or site.folder) / "buildings.gpkg")
-    from rasterio.features import geometry_mask
-
     near = geometry_mask(list(roofs.buffer(6)), grid.shape, grid.transform, invert=True)
     edge = geometry_mask(list(roofs.boundary.buffer(0.3)), grid.shape, grid.transform, invert=True)
     shown = (ortho.values > 0).all(axis=0) & near & ~edge
@@ -237,6 +241,20 @@ def strange(truth: xr.DataArray, ortho: xr.DataArray, site: Site) -> float:
         cv2.GaussianBlur(np.moveaxis(m.values.astype(np.float32), 0, -1), (5, 5), 0) for m in (truth, ortho)
     )
     return float((np.abs(a - b).max(axis=-1)[shown] > 40).mean())
+
+
+def alike(ortho: xr.DataArray, truth: xr.DataArray) -> xr.DataArray:
+    """The orthophoto in the colours of the truth, which has 50 km of air before it: a line per band."""
+    shown = (ortho.values > 0).all(axis=0)
+    values = ortho.values.astype(np.float32)
+    for band, reference in zip(values, truth.values, strict=True):
+        x, y = band[shown][::97], reference[shown][::97].astype(np.float32)
+        slope, level = np.polyfit(x, y, 1)
+        for _ in range(5):  # without what is not alike
+            close = np.abs(slope * x + level - y) < 12
+            slope, level = np.polyfit(x[close], y[close], 1)
+        band[:] = np.where(shown, np.maximum(slope * band + level, 1), 0)
+    return ortho.copy(data=values)
 
 
 def draw(ortho: xr.DataArray, site: Site, path: Path) -> None:

@@ -119,9 +119,10 @@ def _hidden(
         if not (0 <= px < columns and 0 <= py < rows):
             return False
         i, j = int(py), int(px)
-        # An edge is uncertain by a cell, so the line runs one step lower than it should: it must
-        # clear an obstacle by that much.
-        line = start + (count - 1.0) * step_z + tolerance * max(1.0 - count / _NEAR, 0.0)
+        # An edge is uncertain by a cell, and so is the place of the pixel that shows it: the line runs two
+        # steps lower than it should (fewer where it begins, or a neighbour as high would hide the cell).
+        steps = max(count - 2.0, 0.5 * (count - 1.0))
+        line = start + steps * step_z + tolerance * max(1.0 - count / _NEAR, 0.0)
         if count >= _NEAR and maxima[i // _SKIP, j // _SKIP] <= line:
             to_x = to_y = 1e9
             if step_x > 0:

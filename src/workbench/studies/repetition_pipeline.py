@@ -78,6 +78,7 @@ def write_pipeline(
             )
             mosaics.append(ortho)
     tables = ["reproducibility.csv", "histogram.csv", "errors.csv"]
+    tables += ["subset_agreement.csv"] if len(seeds) >= 10 else []
     layers = [f"reproducibility_{surface}.tif" for surface in surfaces]
     stages["compare"] = _stage(f"{command} --step compare", mosaics, ["study"], [*layers, *tables])
     values = {name: getattr(parameters, name).model_dump(mode="json") for name in _SECTIONS}

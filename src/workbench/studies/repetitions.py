@@ -25,12 +25,14 @@ from workbench.site.tables import read_table
 from workbench.stages import FOLDERS, read_json, write_json
 from workbench.studies.keys import hash_of, hash_of_code
 from workbench.studies.repetition_pipeline import write_pipeline
-from workbench.studies.reproducibility import Reproducibility, reproducibility
+from workbench.studies.reproducibility import Reproducibility, agreement, reproducibility
 from workbench.surface import surface_site
 from workbench.vectors import read_vector
 
 SURFACES = ("dsm", "mesh")
 """Surfaces that mosaics can be compared on, as ``mosaic.surface`` names them."""
+_FEW, _MANY = 5, 10
+"""From so many repetitions on, the first few are compared with all."""
 _TREES = ("broadleaf", "conifer", "dead_tree", "forest_floor")
 
 
@@ -85,7 +87,8 @@ def repeat_chain(
     -------
     Repetitions
         Also written: ``reproducibility_<surface>.tif``, ``reproducibility.csv``, ``histogram.csv``,
-        ``errors.csv``, ``environment.json``, and ``dvc.yaml``, the same steps as stages of DVC.
+        ``errors.csv``, from ten repetitions on ``subset_agreement.csv`` (the first five against all),
+        ``environment.json``, and ``dvc.yaml``, the same steps as stages of DVC.
 
     Raises
     ------
@@ -186,19 +189,12 @@ class _Study:
         """Compare the mosaics of all repetitions, and write what comes out."""
         runs = [self.repetition(seed) for seed in self.seeds]
         by_surface: dict[str, Reproducibility] = {}
-        tables, histograms = [], []
-        study = self.parameters.study
+        tables, histograms, subsets = [], [], []
         for surface in self.surfaces:
-            mosaics = _on_common_grid([read_raster(_mosaic(run, surface)) for run in runs])
-            result = reproducibility(
-                mosaics,
-                window=study.correlation_window,
-                threshold=study.identical_from,
-                method=study.correlation_method,
-            )
-            if study.crop:
-                crops = [run.products / f"crop_{surface}.gpkg" for run in runs]
-                result = result.within([read_vector(path) for path in crops if path.exists()])
+            result = self._agreement(runs, surface)
+            if len(runs) >= _MANY:
+                few = self._agreement(runs, surface, first=_FEW)
+                subsets.append(_subset(surface, few, result, len(runs)))
             write_raster(result.layer, self.folder / f"reproducibility_{surface}.tif")
             by_surface[surface] = result
             tables.append(_shares(result, self.site).assign(surface=surface))
@@ -206,10 +202,27 @@ class _Study:
         table = pd.concat(tables)[["surface", "cover", "pixels", "share"]]
         errors = _errors(runs, self.seeds)
         frames = {"reproducibility": table, "histogram": pd.concat(histograms), "errors": errors}
+        if subsets:
+            frames["subset_agreement"] = pd.DataFrame(subsets)
         for name, frame in frames.items():
             frame.to_csv(self.folder / f"{name}.csv", index=False, lineterminator="\n", float_format="%.6g")
         write_json(describe_environment(), self.folder / "environment.json")
         return Repetitions(self.folder, by_surface, table, errors)
+
+    def _agreement(self, runs: Sequence[Site], surface: str, first: int | None = None) -> Reproducibility:
+        """Agreement of the first repetitions on the area that all of them share."""
+        study = self.parameters.study
+        mosaics = _on_common_grid([read_raster(_mosaic(run, surface)) for run in runs])[:first]
+        result = reproducibility(
+            mosaics,
+            window=study.correlation_window,
+            threshold=study.identical_from,
+            method=study.correlation_method,
+        )
+        if not study.crop:
+            return result
+        crops = [run.products / f"crop_{surface}.gpkg" for run in runs]
+        return result.within([read_vector(path) for path in crops if path.exists()])
 
     def _seeded(self, seed: int) -> Parameters:
         """Parameters of a repetition; the cell sizes are those of the first, however later poses round."""
@@ -311,6 +324,13 @@ def _together(rows: pd.DataFrame, name: str) -> pd.DataFrame:
     pixels = rows["pixels"].sum()
     share = (rows["share"] * rows["pixels"]).sum() / pixels if pixels else float("nan")
     return pd.DataFrame([{"cover": name, "pixels": pixels, "share": share}])
+
+
+def _subset(surface: str, few: Reproducibility, many: Reproducibility, count: int) -> dict[str, object]:
+    """Whether the first few repetitions find what all of them find [orthomosaic paper 3.2]."""
+    found = agreement(few, many)
+    start = {"surface": surface, "repetitions_few": _FEW, "repetitions": count}
+    return {**start, "jaccard": found["overlap_any"], **found}
 
 
 def _errors(runs: Sequence[Site], seeds: Sequence[int]) -> pd.DataFrame:
