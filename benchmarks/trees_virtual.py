@@ -31,6 +31,8 @@ SCENES = ("habichtswald", "baruth")
 TUNING, JUDGING = (101, 102), (None, 203)
 """Seeds; None is that of the shipped scene."""
 FINE = 0.1
+WINDOWS = tuple(product((-0.5, 0.0, 0.3, 0.5, 0.8), (0.02, 0.033, 0.05, 0.07, 0.09, 0.11)))
+"""Radius at height zero (m) and growth with height that are tried."""
 DISTANCE = {"conifer": 2.0, "broadleaf old": 3.0, "broadleaf middle": 3.0, "broadleaf young": 2.0}
 """Largest distance of a match, metres [thesis 4.5.1, published/tree_match_distance.csv]."""
 PUBLISHED = Path(__file__).parents[1] / "data" / "published"
@@ -43,7 +45,7 @@ def true_scene(name: str, seed: int | None, folder: Path) -> Path:
         target.mkdir(parents=True, exist_ok=True)
         spec = load_scene(name)
         scene = build_scene(spec if seed is None else spec.model_copy(update={"seed": seed}))
-        truth = scene_truth(scene, Grid.from_bounds(scene.crs, scene.extent, FINE), parts=2)
+        truth = scene_truth(scene, Grid.from_bounds(scene.crs, scene.extent, FINE), parts=1)
         for layer in ("dsm", "dtm"):
             write_raster(truth[layer], target / f"{layer}.tif")
         scene.trees.to_file(target / "trees.gpkg")
@@ -110,27 +112,34 @@ def judge(tops: gpd.GeoDataFrame, trees: gpd.GeoDataFrame, stands: gpd.GeoDataFr
 
 def choose(folder: Path) -> None:
     """Mean F1 of every window over the conifer stands, the broadleaf stands, and all, by cell."""
-    rows = []
-    windows = list(product((-1.0, -0.5, 0.0, 0.3, 0.5, 1.0), (0.02, 0.033, 0.05, 0.07, 0.09, 0.11, 0.14)))
-    for name, seed, cell in product(SCENES, TUNING, (0.2, 0.5)):
-        source = true_scene(name, seed, folder)
-        height, trees, stands = true_heights(source, cell), references(source), stands_of(name)
-        for start, growth in windows:
-            window = GrowingWindow(start, growth, smallest=max(0.5, cell))
-            scores = judge(find_tops(height, radius=None, window=window), trees, stands)
-            rows.append(scores.assign(cell=cell, start=start, growth=growth, seed=seed))
-    table = pd.concat(rows)
+    table = pd.concat(_trials(name, seed, folder) for name, seed in product(SCENES, TUNING))
     table["type"] = table["stand"].str.split().str[0]
-    for label, part in (
-        ("conifer", table[table.type == "conifer"]),
-        ("broadleaf", table[table.type == "broadleaf"]),
-        ("all", table),
-    ):
-        by_type = part.groupby(["start", "growth", "cell", "type"])["f1_visible"].mean()
-        mean = by_type.groupby(["start", "growth", "cell"]).mean().unstack("cell")
+    parts = {name: table[table["type"] == name] for name in ("conifer", "broadleaf")} | {"all": table}
+    keys = ["start", "growth", "prominence"]
+    for label, part in parts.items():
+        by_type = part.groupby([*keys, "cell", "type"])["f1_visible"].mean()
+        mean = by_type.groupby([*keys, "cell"]).mean().unstack("cell")
         mean["mean"] = mean.mean(axis=1)
-        print(f"\n{label}: F1 (%) over visible trees, tuning seeds, by cell of the surface (m)")
-        print(mean.sort_values("mean", ascending=False).head(8).round(1).to_string())
+        stands = part.pivot_table(index=keys, columns="stand", values="f1_visible")
+        shown = mean.join(stands).sort_values("mean", ascending=False).head(10)
+        print(f"\n{label}: F1 (%) over visible trees, tuning seeds, by cell of the surface (m) and stand")
+        print(shown.round(1).to_string())
+
+
+def _trials(name: str, seed: int, folder: Path) -> pd.DataFrame:
+    """Scores of all windows on one scene, kept beside it."""
+    source = true_scene(name, seed, folder)
+    kept = source / "windows.csv"
+    if not kept.exists():
+        trees, stands, rows = references(source), stands_of(name), []
+        for cell, (start, growth) in product((0.2, 0.5), WINDOWS):
+            window = GrowingWindow(start, growth, smallest=max(0.5, cell))
+            tops = find_tops(true_heights(source, cell), radius=None, window=window)
+            for least in (0.0, 0.3, 1.0):
+                scores = judge(tops[tops["prominence_m"] >= least], trees, stands)
+                rows.append(scores.assign(cell=cell, start=start, growth=growth, prominence=least))
+        pd.concat(rows).to_csv(kept, index=False)
+    return pd.read_csv(kept)
 
 
 def choose_crowns(folder: Path) -> None:
