@@ -42,6 +42,14 @@ class SurfaceParameters(Section):
         ge=0,
         le=1000,
     )
+    min_single_patch: float = parameter(
+        16.0,
+        "Patches that no two pairs agree on are removed below this area.",
+        unit="m2",
+        source="a crown of 4.5 m; isolated heights of one pair are mostly chance (docs/surface.md)",
+        ge=0,
+        le=10000,
+    )
     patch_step: float = parameter(
         0.5,
         "Neighbouring cells that differ by more do not belong to one patch.",

@@ -15,7 +15,7 @@ LARGEST_ANGLE = 10.0
 TREE_HEIGHT = 3.0
 """Metres above the terrain from which vegetation is a tree [thesis 3.3]."""
 
-_LEAST_SHARE = 0.01  # Trees on less of the area than this are not what the flight was for.
+_LEAST_SHARE = 0.001  # Trees on less of the measured area are no canopy; most of one is never measured.
 _STEPS = 1000  # Heights above terrain are counted in steps of a decimetre.
 
 
@@ -40,11 +40,11 @@ class CanopyHeights:
 
     @property
     def crown_height(self) -> float | None:
-        """Height that 90 % of the tree cells stay below, metres; None without trees."""
+        """Height that 98 % of the tree cells stay below, metres; None without trees."""
         total = int(self._counts.sum())
         if not total:
             return None
-        return float(np.searchsorted(self._counts.cumsum(), 0.9 * total) + 0.5) / 10
+        return float(np.searchsorted(self._counts.cumsum(), 0.98 * total) + 0.5) / 10
 
 
 @dataclass(frozen=True)

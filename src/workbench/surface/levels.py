@@ -107,12 +107,14 @@ def grid_level(
     """
     level = Level(downscale, grid, folder)
     stored = _Pairs(pairs, heights)
-    specks = SpeckFinder(grid.shape, parameters.min_patch / grid.resolution**2, parameters.patch_step)
+    cell = grid.resolution**2
+    least, alone = parameters.min_patch / cell, parameters.min_single_patch / cell
+    specks = SpeckFinder(grid.shape, least, parameters.patch_step, alone)
     tiles = list(grid.tiles(parameters.tile_size))
     for tile in tiles:
         height, count, spread = _fuse_tile(stored, grid, tile, heights, parameters)
         height[count < parameters.min_count] = np.nan
-        specks.add(tile, height)
+        specks.add(tile, height, count)
         _store(level, tile, height, count, spread)
     specks.finish()
     for tile in tiles:

@@ -10,12 +10,24 @@ import numpy as np
 from workbench.rasters import Tile, tiles
 
 
-def remove_specks(height: np.ndarray, least_cells: float, step: float, *, tile_size: int = 4096) -> None:
-    """Empty, in place, connected patches of fewer cells; neighbours within a step (metres) connect."""
-    finder = SpeckFinder(height.shape, least_cells, step)
+def remove_specks(
+    height: np.ndarray,
+    least_cells: float,
+    step: float,
+    *,
+    count: np.ndarray | None = None,
+    least_alone: float = 0.0,
+    tile_size: int = 4096,
+) -> None:
+    """Empty, in place, connected patches of fewer cells; neighbours within a step (metres) connect.
+
+    With the ``count`` of pairs, patches that hold fewer than ``least_cells`` cells of two pairs need
+    ``least_alone`` cells.
+    """
+    finder = SpeckFinder(height.shape, least_cells, step, least_alone)
     parts = list(tiles(height.shape, size=tile_size))
     for tile in parts:
-        finder.add(tile, height[tile.core])
+        finder.add(tile, height[tile.core], None if count is None else count[tile.core])
     finder.finish()
     for tile in parts:
         finder.clean(tile, height[tile.core])
@@ -36,19 +48,28 @@ class SpeckFinder:
     """Smaller patches are specks."""
     step: float
     """Neighbours within this difference, metres, belong to one patch."""
+    least_alone: float = 0.0
+    """Patches with fewer than ``least_cells`` cells that two pairs agree on are specks below this size."""
     _sizes: list[int] = field(default_factory=list)
+    _agreed: list[int] = field(default_factory=list)
     _parents: list[int] = field(default_factory=list)
     _border: dict[tuple[int, int], tuple[np.ndarray, int]] = field(default_factory=dict)
     _rows: dict[int, tuple[np.ndarray, np.ndarray]] = field(default_factory=dict)
     _columns: dict[int, tuple[np.ndarray, np.ndarray]] = field(default_factory=dict)
 
-    def add(self, tile: Tile, height: np.ndarray) -> None:
-        """Look at a tile (tiles come row by row); its inner specks are emptied in place."""
-        if self.least_cells <= 1:
+    def add(self, tile: Tile, height: np.ndarray, count: np.ndarray | None = None) -> None:
+        """Look at a tile (tiles come row by row); its inner specks are emptied in place.
+
+        Without a count every cell is taken to be agreed on.
+        """
+        if max(self.least_cells, self.least_alone) <= 1:
             return
         rows, columns = tile.core
         labels = patches(height, self.step)
         sizes = np.bincount(labels.ravel())
+        agreed = sizes
+        if count is not None:
+            agreed = np.bincount(labels.ravel(), weights=(count >= 2).ravel()).astype(np.int64)
         sides = (
             (rows.start > 0, np.s_[0, :]),
             (rows.stop < self.shape[0], np.s_[-1, :]),
@@ -57,12 +78,13 @@ class SpeckFinder:
         )
         rims = [np.zeros(1, np.int64), *(labels[side].astype(np.int64) for inner, side in sides if inner)]
         shared = np.unique(np.concatenate(rims))[1:]
-        small = sizes < self.least_cells
+        small = self._is_speck(sizes, agreed)
         small[0] = False
         small[shared] = False
         height[small[labels]] = np.nan
         first = len(self._sizes)
         self._sizes.extend(int(n) for n in sizes[shared])
+        self._agreed.extend(int(n) for n in agreed[shared])
         self._parents.extend(range(first, first + len(shared)))
         names = np.full(len(sizes), -1, np.int64)
         names[shared] = first + np.arange(len(shared))
@@ -89,16 +111,15 @@ class SpeckFinder:
             root = self._root(name)
             if root != name:
                 self._sizes[root] += self._sizes[name]
+                self._agreed[root] += self._agreed[name]
 
     def clean(self, tile: Tile, height: np.ndarray) -> bool:
         """Empty, in place, the specks that reach over the tile's border; whether there were any."""
         cells, first = self._border.get((tile.core[0].start, tile.core[1].start), (np.empty(0, int), 0))
-        specks = [
-            cell
-            for number, cell in enumerate(cells)
-            if self._sizes[self._root(first + number)] < self.least_cells
-        ]
-        if not specks:
+        roots = [self._root(first + number) for number in range(len(cells))]
+        sizes, agreed = (np.array([sums[root] for root in roots]) for sums in (self._sizes, self._agreed))
+        specks = cells[self._is_speck(sizes, agreed)]
+        if not len(specks):
             return False
         labels = patches(height, self.step)
         small = np.zeros(int(labels.max()) + 1, bool)
@@ -106,6 +127,9 @@ class SpeckFinder:
         small[0] = False
         height[small[labels]] = np.nan
         return True
+
+    def _is_speck(self, sizes: np.ndarray, agreed: np.ndarray) -> np.ndarray:
+        return (sizes < self.least_cells) | ((agreed < self.least_cells) & (sizes < self.least_alone))
 
     def _link(
         self, height: np.ndarray, names: np.ndarray, other: np.ndarray, other_names: np.ndarray
