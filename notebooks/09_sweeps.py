@@ -51,7 +51,9 @@ list_studies()
 
 # %%
 cameras = pd.read_csv(root / "data" / "published" / "cameras.csv")
-thesis = cameras[cameras["camera"].isin(["UltraCam Eagle 80", "UltraCam Eagle 210", "DMC II 230", "MACS Hale"])]
+thesis = cameras[
+    cameras["camera"].isin(["UltraCam Eagle 80", "UltraCam Eagle 210", "DMC II 230", "MACS Hale"])
+]
 draw_angle_over_overlap(thesis)
 
 # %% [markdown]
@@ -65,7 +67,9 @@ sweep = read_study(root, "angle-gsd-quick")
 sweep.head()
 
 # %%
-draw_response(sweep, "count_0_mask", over="thin", by="gsd_cm", label="every n-th photograph (90, 80, 70, 60 %)")
+draw_response(
+    sweep, "count_0_mask", over="thin", by="gsd_cm", label="every n-th photograph (90, 80, 70, 60 %)"
+)
 
 # %% [markdown]
 # The same over the angle that was really measured, and the opposite side of the trade: how far the matched tree
@@ -110,7 +114,9 @@ draw_ratio_histogram(sweep, cells, "mask")
 # %%
 folder = root / "data" / "studies" / "angle-gsd-quick" / "maps"
 maps = {
-    f"{gsd} cm, every {n}": read_raster(folder / f"gsd_cm-{gsd}_thin-{n}.tif") for gsd in (9, 20) for n in (1, 2, 3, 4)
+    f"{gsd} cm, every {n}": read_raster(folder / f"gsd_cm-{gsd}_thin-{n}.tif")
+    for gsd in (9, 20)
+    for n in (1, 2, 3, 4)
 }
 draw_count_maps(maps, (397000.0, 5767000.0, 397048.0, 5767036.0))
 
