@@ -160,5 +160,5 @@ def test_mosaics_without_common_area_are_refused(twice):
     mosaic = read_raster(twice.folder / "seed_002/data/products/meadow/ortho_dsm.tif")
     away = mosaic.assign_coords(x=mosaic.x + 5000)
     with pytest.raises(StudyError, match="no common area"):
-        repetitions._on_common_grid([mosaic, away])
+        repetitions.common_area([mosaic, away])
     shutil.rmtree(twice.folder)

@@ -212,7 +212,7 @@ class _Study:
     def _agreement(self, runs: Sequence[Site], surface: str, first: int | None = None) -> Reproducibility:
         """Agreement of the first repetitions on the area that all of them share."""
         study = self.parameters.study
-        mosaics = _on_common_grid([read_raster(_mosaic(run, surface)) for run in runs])[:first]
+        mosaics = common_area([read_raster(_mosaic(run, surface)) for run in runs])[:first]
         result = reproducibility(
             mosaics,
             window=study.correlation_window,
@@ -289,7 +289,7 @@ def _step_key(name: str, parameters: Parameters, before: str) -> str:
     return hash_of([name, values, before, [hash_of_code(package) for package in packages]])
 
 
-def _on_common_grid(mosaics: Sequence[xr.DataArray]) -> list[xr.DataArray]:
+def common_area(mosaics: Sequence[xr.DataArray]) -> list[xr.DataArray]:
     """The area that all mosaics have; their cells fall together, so nothing is resampled."""
     grids = [Grid.of(mosaic) for mosaic in mosaics]
     bounds = np.array([grid.bounds for grid in grids])
