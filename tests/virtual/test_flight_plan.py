@@ -206,3 +206,17 @@ def test_every_camera_can_be_flown():
         camera = flight_camera(name)
         flight = fly(name, gsd=0.05, extent=(0.0, 0.0, 400.0, 200.0))
         assert flight.exposures and camera.camera.width == camera.full_frame[0]
+
+
+def test_of_a_rig_only_photographs_that_see_the_area_are_kept():
+    extent = (0.0, 0.0, 800.0, 90.0)
+    far = fly("3K", extent=extent, gsd=0.14, frame=(900, 3328), strips=3, side_overlap=0.75)
+    area = shapely.box(*extent)
+    assert all(far.footprint(exposure).intersects(area) for exposure in far.exposures)
+    # Strips 700 m apart: every camera sees the area from the strip that lies on the other side of its tilt.
+    assert {(e.strip, e.mount) for e in far.exposures} in (
+        {(0, 0), (1, 1), (2, 2)},
+        {(0, 2), (1, 1), (2, 0)},
+    )
+    with pytest.raises(SceneError, match="No camera of the rig"):
+        fly("3K", extent=extent, gsd=0.14, frame=(900, 3328), strips=2, side_overlap=0.75)

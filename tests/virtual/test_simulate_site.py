@@ -220,7 +220,15 @@ def test_near_infrared_arrives_as_a_fourth_band(tmp_path):
 
 def test_a_rig_is_read_as_three_cameras(tmp_path):
     parameters = Parameters(simulate={"truth_resolution": 0.5, "supersampling": 1})
-    rig = {"camera": "3K", "reduction": 16, "frame": (200, 160), "gsd": 0.3, "strips": 1}
+    # Strips as far apart as the tilted cameras look aside: each camera sees the pond from one of them.
+    rig = {
+        "camera": "3K",
+        "reduction": 16,
+        "frame": (200, 160),
+        "gsd": 0.3,
+        "strips": 3,
+        "side_overlap": 0.75,
+    }
     site = simulate_scene(POND, tmp_path, parameters, flight_overrides=rig)
     assert len(site.cameras) == 3
     assert {p.name.split("/")[0] for p in site.photographs} == {"left", "nadir", "right"}
