@@ -19,6 +19,7 @@
 # builds a small landscape, flies it with two cameras, and lets you move everything that a pilot decides.
 
 # %%
+# %matplotlib inline
 import panel as pn
 
 from workbench.virtual import build_scene
