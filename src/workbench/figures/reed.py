@@ -193,10 +193,11 @@ class _ReedPanel:
         self.mapper.update(low=shift, high=shift + 5.0)
 
     def _pictures(self, ortho: xr.DataArray | None) -> list[Any]:
-        photo, ohm, extent, density, front = plots = _plots(_seen(self.model))
+        plots = _plots(_seen(self.model), _TITLES if ortho is not None else _TITLES[1:])
+        ohm, extent, density, front = plots[-4:]
         if ortho is not None:
             picture = ColumnDataSource(_rgba_image(ortho))
-            photo.image_rgba(source=picture, **_PLACE)
+            plots[0].image_rgba(source=picture, **_PLACE)
             front.image_rgba(source=picture, alpha=0.45, **_PLACE)
         heights = _reduced(self.model.dsm.values, self.model.grid, self.shown) - np.float32(self.level)
         ohm.image(source=ColumnDataSource(_image(heights, self.shown)), color_mapper=self.mapper, **_PLACE)
@@ -210,7 +211,7 @@ class _ReedPanel:
         front.multi_polygons(source=self.sources["closed"], **filled, fill_alpha=0.9, line_color="black")
         front.multi_line("xs", "ys", source=self.sources["lines"], line_color="black", line_width=2)
         front.add_tools(HoverTool(renderers=[boxes], tooltips=_TOOLTIPS))
-        legend = pn.pane.HTML(_LEGEND, width=photo.frame_width)
+        legend = pn.pane.HTML(_LEGEND, width=front.frame_width)
         return [*(pn.pane.Bokeh(plot) for plot in plots), legend]
 
 
@@ -222,8 +223,8 @@ def _seen(model: ReedModel) -> tuple[float, float, float, float]:
     return shapely.intersection(around, shapely.box(*model.grid.bounds)).bounds
 
 
-def _plots(bounds: tuple[float, float, float, float]) -> list[Any]:
-    """Five empty pictures that move together."""
+def _plots(bounds: tuple[float, float, float, float], titles: tuple[str, ...]) -> list[Any]:
+    """Empty pictures that move together."""
     west, south, east, north = bounds
     width = 1000 if east - west > _WIDE * (north - south) else 380
     height = int(np.clip(width * (north - south) / (east - west), 90, 800))
@@ -239,7 +240,7 @@ def _plots(bounds: tuple[float, float, float, float]) -> list[Any]:
         "background_fill_color": _WATER,
     }
     plots: list[Any] = []
-    for title in ("Orthophoto", "Height above the water (0 to 5 m)", "Extent", "Density", "Front and status"):
+    for title in titles:
         plot = figure(title=title, name=title.split()[0].lower(), **settings)
         settings |= {"x_range": plot.x_range, "y_range": plot.y_range, "toolbar_location": None}
         plot.axis.visible = False
@@ -248,6 +249,7 @@ def _plots(bounds: tuple[float, float, float, float]) -> list[Any]:
     return plots
 
 
+_TITLES = ("Orthophoto", "Height above the water (0 to 5 m)", "Extent", "Density", "Front and status")
 _PLACE: dict[str, Any] = {"x": "x", "y": "y", "dw": "dw", "dh": "dh", "image": "image"}
 _TOOLTIPS = [
     ("area, section", "@aoi, @section"),
