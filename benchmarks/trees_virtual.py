@@ -45,7 +45,7 @@ def true_scene(name: str, seed: int | None, folder: Path) -> Path:
         target.mkdir(parents=True, exist_ok=True)
         spec = load_scene(name)
         scene = build_scene(spec if seed is None else spec.model_copy(update={"seed": seed}))
-        truth = scene_truth(scene, Grid.from_bounds(scene.crs, scene.extent, FINE), parts=1)
+        truth = scene_truth(scene, Grid.from_bounds(scene.crs, scene.extent, FINE), parts=2)
         for layer in ("dsm", "dtm"):
             write_raster(truth[layer], target / f"{layer}.tif")
         scene.trees.to_file(target / "trees.gpkg")
