@@ -2,13 +2,13 @@
 
 CPU time of the process and errors against the truth. Run all engines in one process on one machine;
 only ratios of times carry over to another one. ``--photograph`` paints a real photograph on the surfaces.
-libsgm and Pandora are compared if they can be imported.
+Pandora with libsgm needs other versions of our libraries, so it runs in an environment of its own, see
+matching_pandora.py: ``--export`` writes the pairs, ``--peers`` reads what it found.
 """
 
 from __future__ import annotations
 
 import argparse
-import importlib.util
 import resource
 import time
 from collections.abc import Callable
@@ -115,8 +115,8 @@ def errors(found: np.ndarray, pair: StereoPairTruth) -> dict[str, float]:
     }
 
 
-def compare(size: int, photograph: Path | None, repeats: int, seed: int) -> pd.DataFrame:
-    """One row per scene and engine."""
+def textures_of(size: int, photograph: Path | None, seed: int) -> dict[str, np.ndarray]:
+    """What is painted on the surfaces."""
     textures = {"noise": noise_texture((size, size + 400), seed)}
     if photograph is not None:
         image = cv2.imread(str(photograph), cv2.IMREAD_GRAYSCALE)
@@ -124,8 +124,21 @@ def compare(size: int, photograph: Path | None, repeats: int, seed: int) -> pd.D
         reduced = cv2.resize(image, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
         tall = np.concatenate([reduced, reduced[::-1]] * (size // len(reduced) + 1))[:size]
         textures["photograph"] = tall.astype(np.float32)
+    return textures
+
+
+def export(size: int, photograph: Path | None, seed: int, folder: Path) -> None:
+    """Write all pairs for peers that run elsewhere."""
+    folder.mkdir(parents=True, exist_ok=True)
+    for kind, texture in textures_of(size, photograph, seed).items():
+        for name, pair in scenes(size, texture, seed).items():
+            np.savez(folder / f"{kind} {name}.npz", left=pair.left, right=pair.right, limits=RANGE)
+
+
+def compare(size: int, photograph: Path | None, repeats: int, seed: int, peers: Path | None) -> pd.DataFrame:
+    """One row per scene and engine."""
     rows = []
-    for kind, texture in textures.items():
+    for kind, texture in textures_of(size, photograph, seed).items():
         for name, pair in scenes(size, texture, seed).items():
             for engine, match in engines().items():
                 match(pair)  # Compilation and caches.
@@ -136,6 +149,11 @@ def compare(size: int, photograph: Path | None, repeats: int, seed: int) -> pd.D
                     spent.append(time.process_time() - start)
                 rows.append({"texture": kind, "scene": name, "engine": engine, "cpu_s": min(spent)})
                 rows[-1] |= errors(found, pair)
+            stored = (peers or Path()) / f"{kind} {name}.peer.npz"
+            if peers is not None and stored.exists():
+                peer = np.load(stored)
+                rows.append({"texture": kind, "scene": name, "engine": str(peer["engine"])})
+                rows[-1] |= {"cpu_s": float(peer["cpu_s"])} | errors(peer["disparity"], pair)
     return pd.DataFrame(rows)
 
 
@@ -164,21 +182,23 @@ def main() -> None:
     parser.add_argument("--repeats", type=int, default=3)
     parser.add_argument("--seed", type=int, default=11)
     parser.add_argument("--csv", type=Path, help="also write the table here")
+    parser.add_argument("--export", type=Path, help="only write the pairs into this folder")
+    parser.add_argument("--peers", type=Path, help="folder with what peers found on exported pairs")
     parser.add_argument("--memory", action="store_true", help="only the peak memory of 12 Mpx x 256")
     options = parser.parse_args()
     if options.memory:
         memory(3000, 4000, 256)
         return
-    table = compare(options.size, options.photograph, options.repeats, options.seed)
+    if options.export:
+        export(options.size, options.photograph, options.seed, options.export)
+        return
+    table = compare(options.size, options.photograph, options.repeats, options.seed, options.peers)
     if options.csv:
         table.to_csv(options.csv, index=False)
     print(table.round(3).to_string(index=False))
     times = table.groupby("engine")["cpu_s"].median()
     print("\nCPU time, median over scenes, and relative to opencv hh:")
     print(pd.DataFrame({"cpu_s": times, "ratio": times / times["opencv hh"]}).round(3).to_string())
-    for peer in ("libSGM", "pandora"):
-        if importlib.util.find_spec(peer) is None:
-            print(f"{peer}: not installed, not compared")
 
 
 if __name__ == "__main__":
