@@ -76,5 +76,7 @@ def write_points(
             cloud.write(packed)
             packed.replace(path)
     except OSError as error:
-        raise PointsError(f"{path}: cannot be written ({error}).") from error
+        raise PointsError(
+            f"{path}: cannot be written ({error}). Free space or choose another root."
+        ) from error
     return path

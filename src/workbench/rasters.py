@@ -525,7 +525,10 @@ class RasterWriter:
         """Write values (rows, columns) or (band, rows, columns) into a window of rows and columns."""
         rows, columns = window
         target = Window(columns.start, rows.start, columns.stop - columns.start, rows.stop - rows.start)
-        self._dataset.write(values if values.ndim == 3 else values[None], window=target)
+        try:
+            self._dataset.write(values if values.ndim == 3 else values[None], window=target)
+        except (rasterio.errors.RasterioError, OSError) as failure:
+            raise self._unwritable(failure) from failure
 
     def __enter__(self) -> RasterWriter:
         return self
@@ -541,11 +544,14 @@ class RasterWriter:
             if kind is None:
                 self._finish()
         except (rasterio.errors.RasterioError, OSError) as failure:
-            raise RasterError(
-                f"{self.path}: cannot be written ({failure}). Free some space or choose another root."
-            ) from failure
+            raise self._unwritable(failure) from failure
         finally:
             self._folder.cleanup()
+
+    def _unwritable(self, failure: Exception) -> RasterError:
+        return RasterError(
+            f"{self.path}: cannot be written ({failure}). Free some space or choose another root."
+        )
 
     def _finish(self) -> None:
         packed = Path(self._folder.name) / "packed.tif"

@@ -71,6 +71,13 @@ def write_layers(layers: Mapping[str, gpd.GeoDataFrame], path: Path | str) -> Pa
             for name, frame in layers.items():
                 frame.to_file(packed, layer=name, driver="GPKG")
             packed.replace(path)
-    except (OSError, pyogrio.errors.DataSourceError) as error:
-        raise VectorError(f"{path}: cannot be written ({error}).") from error
+    except (
+        OSError,
+        pyogrio.errors.DataSourceError,
+        pyogrio.errors.DataLayerError,
+        pyogrio.errors.FeatureError,
+    ) as error:
+        raise VectorError(
+            f"{path}: cannot be written ({error}). Free space or choose another root."
+        ) from error
     return path
