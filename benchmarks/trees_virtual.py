@@ -2,9 +2,9 @@
 
 ``choose``: search windows, and ``crowns``: limits of crowns, by scores on true surfaces of the tuning
 seeds. ``truth``: tables in the form of 4.18 and 4.19 on true surfaces of the judging seeds (errors of the
-method alone). ``chain SITE``: the same on the products of a site that ran through the chain
-(``workbench simulate SCENE``, then ``workbench run``), whose errors are those of surface and method.
-True surfaces are kept in ``--folder``; the first run makes them (about a minute each).
+method alone), ``findings``: T17, T21, T22, T24, T25 on them. ``chain SITE``: the tables on the products of a
+site that ran through the chain (``workbench simulate SCENE``, then ``workbench run``), whose errors are
+those of surface and method. True surfaces are kept in ``--folder``; the first run makes them.
 """
 
 from __future__ import annotations
@@ -19,12 +19,14 @@ import numpy as np
 import pandas as pd
 import shapely
 import xarray as xr
+from rasterio.fill import fillnodata
+from scipy import ndimage
 
 from workbench.assessment import compare_crowns, match_trees
 from workbench.params import TreesParameters
 from workbench.rasters import Grid, new_raster, read_raster, write_raster
 from workbench.site import load_site
-from workbench.trees import GrowingWindow, TreeInputs, TreeModel, find_tops, search_window
+from workbench.trees import GrowingWindow, TreeInputs, TreeModel, find_tops, search_window, smoothed
 from workbench.virtual import build_scene, load_scene, scene_truth
 
 SCENES = ("habichtswald", "baruth")
@@ -35,6 +37,7 @@ WINDOWS = tuple(product((-0.5, 0.0, 0.3, 0.5, 0.8), (0.02, 0.033, 0.05, 0.07, 0.
 """Radius at height zero (m) and growth with height that are tried."""
 DISTANCE = {"conifer": 2.0, "broadleaf old": 3.0, "broadleaf middle": 3.0, "broadleaf young": 2.0}
 """Largest distance of a match, metres [thesis 4.5.1, published/tree_match_distance.csv]."""
+THESIS_FILTER = 49
 PUBLISHED = Path(__file__).parents[1] / "data" / "published"
 
 
@@ -204,6 +207,78 @@ def _judged_truth(name: str, folder: Path, options: TreesParameters, cell: float
         yield judge(tops, references(source), stands).assign(seed="shipped" if seed is None else seed)
 
 
+def findings(folder: Path, options: TreesParameters) -> None:
+    """Findings that need no photogrammetry, on the shipped scene of old and young stands."""
+    source, stands = true_scene("habichtswald", None, folder), stands_of("habichtswald")
+    height, trees = true_heights(source, 0.2), references(source)
+    seen = trees[trees["visible"] & ~trees["understorey"]].reset_index(drop=True)
+    own = search_window(options, stands)
+    found = find_tops(height, radius=None, window=own)
+    print("\nT17, each stand with its own window")
+    _print_scores(judge(found, trees, stands))
+    print("\nT21, windows swapped")
+    swapped = stands.assign(
+        stand_type=stands["stand_type"].map({"conifer": "broadleaf", "broadleaf": "conifer"})
+    )
+    _print_scores(
+        judge(find_tops(height, radius=None, window=search_window(options, swapped)), trees, stands)
+    )
+    print(f"\nT22, tops of the surface after a bilateral filter of {THESIS_FILTER}")
+    smooth = smoothed(height, THESIS_FILTER, options.smoothing_sigma)
+    _print_scores(judge(find_tops(smooth, radius=None, window=own), trees, stands))
+    hit = np.isin(np.arange(len(seen)), match_trees(found, seen, 2.0).pairs["reference"])
+    print(
+        f"\nT24, completeness within 2 m (%): free {_share(hit, free_standing(seen))}, others "
+        f"{_share(hit, ~free_standing(seen))}"
+    )
+    holes = punched(height, share=0.25, radius=2.5, seed=1)
+    filled = find_tops(holes[0], radius=None, window=own)
+    hit = np.isin(np.arange(len(seen)), match_trees(filled, seen, 2.0).pairs["reference"])
+    inside = at(holes[1], Grid.of(height), seen)
+    print(
+        f"T25, completeness within 2 m (%): top in an interpolated hole {_share(hit, inside)}, "
+        f"elsewhere {_share(hit, ~inside)}"
+    )
+
+
+def free_standing(trees: gpd.GeoDataFrame) -> np.ndarray:
+    """Whether no other crown is within a metre of the crown of each tree."""
+    crowns = trees["crown"].to_numpy()
+    first, second = shapely.STRtree(crowns).query(crowns, predicate="dwithin", distance=1.0)
+    free = np.ones(len(trees), bool)
+    free[first[first != second]] = False
+    return free
+
+
+def punched(
+    height: xr.DataArray, *, share: float, radius: float, seed: int
+) -> tuple[xr.DataArray, np.ndarray]:
+    """The surface with round holes of a radius (m) over a share of it, filled by interpolation; the holes."""
+    rng = np.random.default_rng(seed)
+    grid = Grid.of(height)
+    number = round(share * height.size * grid.resolution**2 / (np.pi * radius**2))
+    centres = np.ones(grid.shape, bool)
+    centres[rng.integers(0, grid.height, number), rng.integers(0, grid.width, number)] = False
+    holes = ndimage.distance_transform_edt(centres) * grid.resolution <= radius
+    filled = fillnodata(height.values.copy(), mask=(~holes).astype(np.uint8), max_search_distance=100)
+    return height.copy(data=filled.astype(np.float32)), holes
+
+
+def at(cells: np.ndarray, grid: Grid, trees: gpd.GeoDataFrame) -> np.ndarray:
+    """Values of cells at points."""
+    rows = np.floor((grid.north - trees.geometry.y.to_numpy()) / grid.resolution).astype(int)
+    columns = np.floor((trees.geometry.x.to_numpy() - grid.west) / grid.resolution).astype(int)
+    return cells[rows.clip(0, grid.height - 1), columns.clip(0, grid.width - 1)]
+
+
+def _share(hit: np.ndarray, part: np.ndarray) -> str:
+    return f"{100 * hit[part].mean():.1f} of {part.sum()}" if part.any() else "none"
+
+
+def _print_scores(scores: pd.DataFrame) -> None:
+    print(scores[["stand", "completeness_visible", "correctness_visible"]].round(1).to_string(index=False))
+
+
 def on_chain(site_names: list[str], root: Path, options: TreesParameters) -> None:
     """The same scores on what the chain made of sites; stands are those of the scene of the same name."""
     for name in site_names:
@@ -229,7 +304,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument("what", choices=["choose", "crowns", "truth", "chain"])
+    parser.add_argument("what", choices=["choose", "crowns", "truth", "findings", "chain"])
     parser.add_argument("sites", nargs="*", help="Sites of `chain`.")
     parser.add_argument("--root", type=Path, default=Path())
     parser.add_argument("--folder", type=Path, default=Path("/tmp/trees_virtual"))
@@ -242,6 +317,8 @@ def main() -> None:
         choose_crowns(args.folder)
     elif args.what == "truth":
         on_truth(args.folder, options)
+    elif args.what == "findings":
+        findings(args.folder, options)
     else:
         on_chain(args.sites, args.root, options)
 
