@@ -18,8 +18,9 @@ _MATCH_PER_PAIR = 0.12
 _MAPPING_PER_PHOTOGRAPH = 0.7
 _DENSE_PER_MEGAPIXEL = 0.7
 _SURFACE_PER_MEGAPIXEL = 0.6
-_MOSAIC_PER_MEGAPIXEL = 0.8  # Not measured yet: the rest of what a prototype of the chain took.
-_BASE_MEMORY = 500.0
+_MOSAIC_PER_MEGAPIXEL = 0.8
+_BASE_MEMORY = 900.0
+_USUAL_MEGAPIXELS = 2.25  # Of a reduced photograph in the trials: smaller ones have fewer features.
 _FEATURES_MEMORY_PER_MEGAPIXEL = 260.0
 _DECODED_MEMORY_PER_MEGAPIXEL = 40.0
 
@@ -75,10 +76,11 @@ def estimate_cost(site: Site, parameters: Parameters, *, threads: int | None = N
     scales = _downscales(site, parameters)
     dense = megapixels / max(count, 1) * _stereo_pairs(site, parameters) * sum(1 / s**2 for s in scales)
     finest = megapixels / min(scales) ** 2
+    features = min(1.0, sum(reduced) / max(count, 1) / _USUAL_MEGAPIXELS)
     cpu = {
         "orient": sum(reduced) * _FEATURES_PER_MEGAPIXEL
-        + candidates * _MATCH_PER_PAIR
-        + count * _MAPPING_PER_PHOTOGRAPH,
+        + candidates * _MATCH_PER_PAIR * features**2  # Every feature is compared with every other.
+        + count * _MAPPING_PER_PHOTOGRAPH * features,
         "match": dense * _DENSE_PER_MEGAPIXEL,
         "surface": finest * _SURFACE_PER_MEGAPIXEL,
         "mosaic": megapixels * _MOSAIC_PER_MEGAPIXEL,
