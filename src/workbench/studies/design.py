@@ -24,7 +24,7 @@ from workbench.virtual.stage import flight_of
 
 _FLIGHT = "flight."
 _OWN = ("scene", "thin", "strips")
-_Factor = list[Any] | dict[str | float, dict[str, Any]]
+_Factor = list[Any] | dict[str | int | float, dict[str, Any]]
 
 
 class Fractional(BaseModel):
