@@ -42,7 +42,11 @@ root = Path(os.environ.get("WORKBENCH_ROOT", ".."))
 file = root / "params.yaml"
 parameters = load_parameters(file) if file.exists() else Parameters()
 coarse = parameters.model_copy(
-    update={"simulate": parameters.simulate.model_copy(update={"truth_resolution": 0.16})}
+    update={
+        "simulate": parameters.simulate.model_copy(update={"truth_resolution": 0.16}),
+        # Nine photographs: without the outermost of them nothing would be left.
+        "study": parameters.study.model_copy(update={"crop": False}),
+    }
 )
 # A root of its own, so that nothing is mixed up with your sites; kept for the next time.
 scratch = Path(tempfile.gettempdir()) / "workbench-reproducibility"
