@@ -37,7 +37,8 @@ def main() -> None:
                 start, cpu = time.perf_counter(), time.process_time()
                 found = np.asarray(bilateral(surface, size, 10.0))
                 spent.append((time.perf_counter() - start, time.process_time() - cpu))
-            rows.append(row("workbench", relief, size, *np.min(spent, axis=0), surface, found))
+            wall, cpu = (min(column) for column in zip(*spent, strict=True))
+            rows.append(row("workbench", relief, size, wall, cpu, surface, found))
             if size == 49 or options.slow:
                 start, cpu = time.perf_counter(), time.process_time()
                 filled = np.nan_to_num(surface, nan=float(np.nanmedian(surface)))

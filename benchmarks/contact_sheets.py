@@ -21,7 +21,7 @@ from workbench.virtual import build_scene, load_scene, scene_names
 from workbench.virtual.photograph import take_photograph
 from workbench.virtual.stage import conditions_of, flight_of, fly_scene
 
-PANEL = (900, 600)
+PANEL = (600, 400)
 
 
 def main() -> None:
@@ -33,7 +33,7 @@ def main() -> None:
     options.out.mkdir(parents=True, exist_ok=True)
     for name in options.scenes or scene_names():
         started = time.process_time()
-        sheet(name).save(options.out / f"{name}.jpg", quality=88)
+        sheet(name).save(options.out / f"{name}.jpg", quality=80)
         print(f"{name:14s} {time.process_time() - started:6.1f} CPU-s")
 
 

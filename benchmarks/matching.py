@@ -120,6 +120,8 @@ def textures_of(size: int, photograph: Path | None, seed: int) -> dict[str, np.n
     textures = {"noise": noise_texture((size, size + 400), seed)}
     if photograph is not None:
         image = cv2.imread(str(photograph), cv2.IMREAD_GRAYSCALE)
+        if image is None:
+            raise SystemExit(f"{photograph}: not an image that OpenCV reads.")
         scale = (size + 400) / image.shape[1]
         reduced = cv2.resize(image, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
         tall = np.concatenate([reduced, reduced[::-1]] * (size // len(reduced) + 1))[:size]
@@ -166,12 +168,12 @@ def memory(rows: int, columns: int, disparities: int) -> None:
     del large, texture
     before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e6
     start, cpu = time.perf_counter(), time.process_time()
-    result = match_pair(left, right, (-disparities + 1, 0))
+    result = match_pair(left, right, (0, disparities - 1))
     wall, cpu = time.perf_counter() - start, time.process_time() - cpu
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e6
     print(
         f"{rows * columns / 1e6:.0f} Mpx x {disparities}: {wall:.1f} s, {cpu:.1f} CPU-s, peak {peak:.2f} GB "
-        f"({before:.2f} before), median disparity {float(result.disparity.median()):.3f} (true -120)"
+        f"({before:.2f} before), median disparity {float(result.disparity.median()):.3f} (true 120)"
     )
 
 

@@ -83,7 +83,7 @@ def heights(compared: pd.DataFrame) -> None:
     """Table 1 beside the published one."""
     table = agreement_by_area(compared).set_index("aoi")
     published = pd.read_csv(PUBLISHED / "reed_table1_height_rmse.csv", dtype={"aoi": str}).set_index("aoi")
-    table = table.join(published[["rmse_cm", "r2"]], rsuffix="_published")
+    table = table.join(published[["rmse_cm", "r2"]].rename(columns={"r2": "r2_published"}))
     table["rmse_published"] = table.pop("rmse_cm") / 100
     show("Heights by area (table 1), m", table.round(2))
 
@@ -91,7 +91,8 @@ def heights(compared: pd.DataFrame) -> None:
 def matrices(model: ReedModel, references: References, options: ReedParameters, title: str) -> None:
     """Tables 2 to 4 beside the published ones."""
     published = pd.read_csv(PUBLISHED / "error_matrix_scores.csv")
-    published = published[published.source == "reed"].set_index(published.table.str.split().str[1])
+    published = published[published.source == "reed"]
+    published.index = published.table.str.split().str[1]
     rows = []
     for name, agreement in agreements(model.measure(options), references).items():
         matrix = agreement.matrix
@@ -190,6 +191,16 @@ def like(model: ReedModel, dsm: xr.DataArray) -> ReedModel:
     return ReedModel(dsm, model.water_level, model.shoreline, areas=model.areas, transects=model.transects)
 
 
+def cut_out(model: ReedModel, margin: float = 15.0) -> ReedModel:
+    """The surface around the areas of interest: oblique photographs see far beyond."""
+    west, south, east, north = model.areas.total_bounds
+    x, y = model.dsm.x.values, model.dsm.y.values
+    columns = (x > west - margin) & (x < east + margin)
+    rows = (y > south - margin) & (y < north + margin)
+    part = model.dsm.isel(x=columns.nonzero()[0], y=rows.nonzero()[0])
+    return like(model, part.rio.write_transform(part.rio.transform(recalc=True)))
+
+
 def coarser(dsm: xr.DataArray, resolution: float) -> xr.DataArray:
     """Averaged over larger cells."""
     old = Grid.of(dsm)
@@ -267,7 +278,7 @@ def main() -> None:
         if not (arguments.root / "data" / "products" / name / "surface" / "dsm.tif").exists():
             continue
         site = load_site(name, arguments.root)
-        model, references = load_model(site), load_references(site)
+        model, references = cut_out(load_model(site)), load_references(site)
         metrics = model.measure()
         compared = compare_heights(metrics.ohm, references.points)
         rows[name] = coverage_finding(metrics, compared) | {

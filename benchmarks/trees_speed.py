@@ -1,7 +1,7 @@
 """Speed of tree tops and crowns on 25 Mpx, beside peers, in one run on one machine.
 
 Wall and CPU seconds after a first run that compiles. Peers: scipy's maximum filter with a disc, and the
-watershed of scikit-image from the same tops. ``--peers`` runs them too (minutes). ``--large`` times 4 and
+watershed of scikit-image from the same tops. ``--peers`` runs them too (minutes). ``--large`` times 25 and
 100 Mpx by tiles, with the peak of memory, to see how cost and memory grow.
 """
 
@@ -11,18 +11,17 @@ import argparse
 import resource
 import subprocess
 import sys
-import tempfile
 import time
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any
 
+import dask.array
 import numpy as np
 import xarray as xr
 from scipy import ndimage
 from skimage.segmentation import watershed
 
-from workbench.rasters import Grid, new_raster, read_raster, write_raster
+from workbench.rasters import Grid, new_raster
 from workbench.trees import crown_labels, find_tops
 
 CELL = 0.2
@@ -101,29 +100,30 @@ def compare(peers: bool) -> None:
         )
 
 
-def large(folder: Path) -> None:
-    """Tops and crowns of 25 and 100 Mpx, each in a process of its own, read by tiles from a file."""
-    for size in (SIZE, 2 * SIZE):
-        path = folder / f"canopy_{size}.tif"
-        if not path.exists():
-            write_raster(canopy(size), path)
-        subprocess.run([sys.executable, __file__, "--one", str(path)], check=True)
+def large() -> None:
+    """Tops and crowns of 25 and 100 Mpx, each in a process of its own."""
+    for repeats in (2, 4):
+        subprocess.run([sys.executable, __file__, "--one", str(repeats)], check=True)
 
 
-def one(path: Path) -> None:
-    """Time and peak memory of one file."""
-    small = canopy(500)
-    crown_labels(find_tops(small), small)
-    surface = read_raster(path, chunks=2048)
-    started = time.perf_counter()
+def one(repeats: int) -> None:
+    """Time and peak memory on a canopy repeated in both directions, which is never in memory as a whole."""
+    block = canopy(SIZE // 2)
+    crown_labels(find_tops(block), block)
+    cells = SIZE // 2 * repeats
+    grid = Grid.from_bounds("EPSG:32633", (0, 0, cells * CELL, cells * CELL), CELL)
+    values = dask.array.tile(dask.array.from_array(block.values, chunks=-1), (repeats, repeats))
+    surface = xr.DataArray(values, dims=("y", "x"), coords={"y": grid.y, "x": grid.x}).rio.write_crs(grid.crs)
+    started, cpu = time.perf_counter(), time.process_time()
     tops = find_tops(surface)
-    found = time.perf_counter()
+    found, found_cpu = time.perf_counter(), time.process_time()
     crown_labels(tops, surface)
-    grown = time.perf_counter()
+    grown, grown_cpu = time.perf_counter(), time.process_time()
     memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024**2
     print(
-        f"{surface.size / 1e6:.0f} Mpx: {len(tops)} tops {found - started:.2f} s, "
-        f"crowns {grown - found:.2f} s, peak {memory:.2f} GB",
+        f"{surface.size / 1e6:.0f} Mpx, {len(tops)} tops: {found - started:.2f} s wall "
+        f"{found_cpu - cpu:.2f} s CPU, crowns {grown - found:.2f} s wall {grown_cpu - found_cpu:.2f} s CPU, "
+        f"peak {memory:.2f} GB",
         flush=True,
     )
 
@@ -134,13 +134,13 @@ def main() -> None:
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("--peers", action="store_true", help="Run the peers too.")
-    parser.add_argument("--large", type=Path, nargs="?", const=Path(tempfile.gettempdir()), help="Folder.")
-    parser.add_argument("--one", type=Path, help=argparse.SUPPRESS)
+    parser.add_argument("--large", action="store_true", help="25 and 100 Mpx, with the peak of memory.")
+    parser.add_argument("--one", type=int, help=argparse.SUPPRESS)
     args = parser.parse_args()
     if args.one:
         one(args.one)
     elif args.large:
-        large(args.large)
+        large()
     else:
         compare(args.peers)
 

@@ -1,0 +1,97 @@
+"""Levels on disk: the same for every tile size; what the surface needs to know of crowns."""
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from rasterio.crs import CRS
+
+from workbench.cameras import Camera, Pose
+from workbench.matching.pairs import StereoPair
+from workbench.matching.rectify import rectify_pair
+from workbench.matching.store import MatchedPair, StoredPair
+from workbench.orientation import OrientedPhotograph
+from workbench.params import SurfaceParameters
+from workbench.rasters import Grid
+from workbench.surface.canopy import CanopyHeights, crown_warnings, view_of_crowns
+from workbench.surface.levels import fuse_levels, grid_level, level_grid
+
+UTM = CRS.from_epsg(32633)
+CAMERA = Camera.from_focal_length("test", 640, 480, focal_length=0.02, pixel_size=2e-5)
+
+
+def photograph(name, x, order):
+    pose = Pose.from_roll_pitch_heading(np.array([400_000.0 + x, 5_300_000.0, 100.0]), 0, 0, 90)
+    return OrientedPhotograph(name, None, CAMERA, pose, 0, order)
+
+
+STRIP = [photograph(str(k), 10.0 * k, k) for k in range(4)]
+
+
+def matched(first, second, downscale, seed):
+    """A bumpy surface with holes, specks and noise, as one pair measures it."""
+    frame, _ = rectify_pair(StereoPair(first, second, "inflight"), (-5, 20), downscale=downscale)
+    random = np.random.default_rng(seed)
+    rows = np.arange(frame.shape[0])[:, None]
+    level = frame.focal * frame.base / 97.0 - frame.shift
+    disparity = level + 0.3 * np.sin(rows / 9) + 0.1 * random.normal(size=frame.shape)
+    disparity[random.random(frame.shape) < 0.05] = np.nan
+    disparity[20:26, 20:26] = level + 3
+    confidence = random.integers(100, 250, frame.shape).astype(np.uint8)
+    return MatchedPair("p", downscale, frame, disparity.astype(np.float32), confidence)
+
+
+def stored(downscale):
+    pairs = [matched(a, b, downscale, k) for k, (a, b) in enumerate(pairwise(STRIP))]
+    return [StoredPair(pair.rectification, lambda pair=pair: pair) for pair in pairs]
+
+
+def fused(folder, tile_size):
+    grid = Grid.from_bounds(UTM, (399_985, 5_299_985, 400_045, 5_300_015), 0.4)
+    options = SurfaceParameters(tile_size=tile_size, min_patch=2.0)
+    levels = [grid_level(stored(d), d, level_grid(grid, d, 2), (-5.0, 20.0), folder, options) for d in (2, 4)]
+    parts = {
+        "height": np.empty(grid.shape),
+        "provenance": np.empty(grid.shape),
+        "spread": np.empty(grid.shape),
+    }
+    for tile in grid.tiles(tile_size):
+        found = fuse_levels(levels, grid, tile.core, options.patch_step)
+        for name, whole in parts.items():
+            whole[tile.core] = getattr(found, name)
+    for level in levels:
+        level.__exit__()
+    return parts
+
+
+def test_levels_are_identical_for_every_tile_size_and_leave_no_files(tmp_path):
+    whole, tiled = fused(tmp_path, 512), fused(tmp_path, 64)
+    assert np.isfinite(whole["height"]).mean() > 0.3
+    for name in whole:
+        np.testing.assert_array_equal(tiled[name], whole[name])
+    assert not list(tmp_path.iterdir())
+
+
+def test_overlap_and_angle_are_those_at_the_crowns():
+    pairs = [StereoPair(a, b, "inflight") for a, b in pairwise(STRIP)]
+    view = view_of_crowns(pairs, 0.0, 50.0)
+    along = 480 * 2e-5 / 0.02  # Frame along the strip per metre of height.
+    assert view.overlap_ground == pytest.approx(1 - 10 / (100 * along), abs=0.07)
+    assert view.overlap == pytest.approx(1 - 10 / (50 * along), abs=0.1)
+    assert view.angle == pytest.approx(np.degrees(2 * np.arctan(5 / 50)), abs=0.2)
+    wide = [StereoPair(a, b, "inflight") for a, b in zip(STRIP, STRIP[2:], strict=False)]
+    view = view_of_crowns(wide, 0.0, 50.0)
+    assert view.angle > 20
+    (warning,) = crown_warnings(view, 0.2, 0.4)
+    assert "50 m" in warning and "40%" in warning
+    assert crown_warnings(view, 0.0, 0.4) == []
+    assert crown_warnings(None, 0.2, 0.4) == []
+    assert view_of_crowns([StereoPair(*STRIP[:2], "across")], 0.0, 10.0) is None
+
+
+def test_heights_of_trees_are_counted_from_three_metres():
+    canopy = CanopyHeights()
+    canopy.add(np.array([[0.0, 1.0, np.nan, 2.9], [10.0, 12.0, 14.0, 30.0]]))
+    assert canopy.share == pytest.approx(4 / 7)
+    assert canopy.crown_height == pytest.approx(30.0, abs=0.1)
+    assert CanopyHeights().crown_height is None
