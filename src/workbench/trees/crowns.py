@@ -22,6 +22,7 @@ from workbench.trees.working import CutSurface, WorkingGrid
 
 _DEFAULTS = TreesParameters()
 _SMOOTHING_CELL = 0.2
+_ROWS = 1024
 
 
 def grow_crowns(
@@ -164,10 +165,12 @@ def crown_labels(
     area = getattr(getattr(method, "reach", None), "area", None)
     if area is not None and len(everything.rows):
         trim(owner, everything.rows, everything.columns, max(int(area / work.resolution**2 + 1e-6), 1))
-    ids = tops["tree_id"].to_numpy(np.int32)
-    labels = np.where(owner >= 0, ids[owner], 0) if len(ids) else np.zeros(work.shape, np.int32)
+    # From numbers of tops to their ids, in place: a raster of a city is not held twice.
+    ids = np.append(tops["tree_id"].to_numpy(np.int32), np.int32(0))
+    for top in range(0, work.shape[0], _ROWS):
+        owner[top : top + _ROWS] = ids[owner[top : top + _ROWS]]
     return new_raster(
-        labels.astype(np.int32, copy=False),
+        owner,
         work.grid,
         name="crowns",
         units="1",
