@@ -206,13 +206,13 @@ WATCH = """
   };
 }
 """
-# Slider (in the order of the panel) and canvas (two a picture) that it changes.
+# Slider (in the order of the panel), canvas (two a picture) that it changes, and keys in turn.
 MOVES = {
-    "water level": (0, 4),
-    "minimum height": (1, 4),
-    "variance": (3, 6),
-    "aRSI cut": (5, 8),
-    "cell": (6, 6),
+    "water level": (0, 4, ("ArrowRight",)),
+    "minimum height": (1, 4, ("ArrowRight",)),
+    "variance": (3, 6, ("ArrowRight",)),
+    "aRSI cut": (5, 8, ("Home", "End")),
+    "cell": (6, 6, ("ArrowRight",)),
 }
 
 

@@ -138,6 +138,7 @@ class _ReedPanel:
         for slider in self.sliders.values():
             slider.param.watch(self.update, "value_throttled")
         self.heights: HeightAgreement | None = None
+        self.unknown = np.zeros(self.shown.shape, dtype=np.uint8)
         self.update()
         controls: list[Any] = [*self.sliders.values(), self.message]
         if parameters_file is not None:
@@ -174,8 +175,11 @@ class _ReedPanel:
                         metrics.ohm, self.references.points, radius=options.point_radius
                     )
                     self.heights = HeightAgreement.of(compared.field_m, compared.surface_m)
+            if "ground" in computed:
+                self.unknown = _burnt(metrics.extent.unknown, self.shown)
             if "extent" in computed:
-                self.sources["extent"].data = _image(_burnt(metrics, self.shown), self.shown)
+                classes = np.where(_burnt(metrics.extent.reed, self.shown), 1, 2 * self.unknown)
+                self.sources["extent"].data = _image(classes.astype(np.uint8), self.shown)
             if "cells" in computed:
                 self.sources["density"].data = _density_image(metrics)
             if "front" in computed:
@@ -372,15 +376,13 @@ def _rgba_image(ortho: xr.DataArray) -> dict[str, Any]:
     return _image(rgba.view(np.uint32).reshape(rgba.shape[:2]), shown)
 
 
-def _burnt(metrics: ReedMetrics, shown: Grid) -> np.ndarray:
-    """0 neither, 1 reed, 2 unknown, on the cells of the picture."""
+def _burnt(shape: shapely.Geometry, shown: Grid) -> np.ndarray:
+    """1 in the cells of the picture whose middle lies in a shape, 0 elsewhere."""
+    if shape.is_empty:
+        return np.zeros(shown.shape, dtype=np.uint8)
     west, south, east, north = shown.bounds
     transform = from_bounds(west, south, east, north, shown.width, shown.height)
-    shapes = [(metrics.extent.unknown, 2), (metrics.extent.reed, 1)]
-    shapes = [(shape, value) for shape, value in shapes if not shape.is_empty]
-    if not shapes:
-        return np.zeros(shown.shape, dtype=np.uint8)
-    return rasterio.features.rasterize(shapes, out_shape=shown.shape, transform=transform, dtype="uint8")
+    return rasterio.features.rasterize([shape], out_shape=shown.shape, transform=transform, dtype="uint8")
 
 
 def _density_image(metrics: ReedMetrics) -> dict[str, Any]:

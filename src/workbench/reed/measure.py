@@ -11,6 +11,7 @@ import numpy as np
 import pandas as pd
 import shapely
 import xarray as xr
+from shapely.geometry.base import BaseGeometry
 
 from workbench.errors import ReedError
 from workbench.params import ReedParameters
@@ -183,7 +184,8 @@ class ReedModel:
                 cut=o.arsi_cut,
             ),
         )
-        areas = self._step("areas", (for_extent, for_density), lambda: self._areas(extent, cells))
+        unknown = self._step("unknown", (), lambda: self._unknown(extent))
+        areas = self._step("areas", (for_extent, for_density), lambda: self._areas(extent, cells, unknown))
         return ReedMetrics(ohm, extent, areas, cells, statistics, front, sections)
 
     def _step(self, name: str, key: Any, compute: Callable[[], T]) -> T:
@@ -234,11 +236,20 @@ class ReedModel:
         ]
         return gpd.GeoDataFrame(pd.concat(parts, ignore_index=True), geometry="geometry", crs=self.grid.crs)
 
-    def _areas(self, extent: ReedExtent, cells: gpd.GeoDataFrame) -> gpd.GeoDataFrame:
-        whole = [(WHOLE, extent.lake)]
-        places = whole if self.areas is None else zip(self.areas.aoi, self.areas.geometry, strict=True)
+    def _places(self, extent: ReedExtent) -> list[tuple[str, BaseGeometry]]:
+        if self.areas is None:
+            return [(WHOLE, extent.lake)]
+        return list(zip(self.areas.aoi, self.areas.geometry, strict=True))
+
+    def _unknown(self, extent: ReedExtent) -> list[float]:
+        """Area without heights in every area of interest, m²."""
+        if self.areas is None:
+            return [extent.unknown.area]
+        return [shapely.intersection(extent.unknown, shape).area for shape in self.areas.geometry]
+
+    def _areas(self, extent: ReedExtent, cells: gpd.GeoDataFrame, unknown: list[float]) -> gpd.GeoDataFrame:
         rows = []
-        for aoi, shape in places:
+        for (aoi, shape), dark in zip(self._places(extent), unknown, strict=True):
             reed = extent.reed if self.areas is None else shapely.intersection(extent.reed, shape)
             inside = cells[cells.aoi == aoi]
             by_class = inside.groupby("density").reed_m2.sum()
@@ -249,7 +260,7 @@ class ReedModel:
                     "dense_m2": float(by_class.get("dense", 0.0)),
                     "sparse_m2": float(by_class.get("sparse", 0.0)),
                     "unknown_density_m2": float(by_class.get("unknown", 0.0)),
-                    "unknown_m2": shapely.area(shapely.intersection(extent.unknown, shape)),
+                    "unknown_m2": dark,
                     "geometry": reed,
                 }
             )

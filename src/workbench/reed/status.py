@@ -17,6 +17,7 @@ from workbench.reed.front import Front, sinuosity
 
 _DEFAULTS = ReedParameters()
 _SINUOSITY_WEIGHT = 3.0
+_VERTICES = 64
 HEALTHY, STRESSED, EXCLUDED = "healthy", "stressed", "excluded"
 
 SECTION_COLUMNS = [
@@ -130,7 +131,7 @@ def assess_sections(
         ``SECTION_COLUMNS`` and the box (of excluded sections: the strip). ``status`` is healthy,
         stressed or excluded; ``reason`` says why it is excluded.
     """
-    lines = front.lines.geometry.to_numpy()
+    lines = _short(front.lines.geometry.to_numpy())
     tree = shapely.STRtree(lines)
     points = front.closed.geometry.representative_point().to_numpy()
     closed = shapely.STRtree(points)
@@ -176,11 +177,23 @@ def assess_sections(
     return frame
 
 
+def _short(lines: np.ndarray) -> np.ndarray:
+    """Lines in pieces of few vertices, so that a strip is not cut with all of a lakeshore."""
+    pieces: list[BaseGeometry] = []
+    for line in lines:
+        corners = shapely.get_coordinates(line)
+        starts = range(0, max(len(corners) - 1, 1), _VERTICES)
+        pieces += [shapely.linestrings(corners[start : start + _VERTICES + 1]) for start in starts]
+    return np.array(pieces, dtype=object)
+
+
 def _pieces(lines: np.ndarray, strip: BaseGeometry, shortest: float) -> np.ndarray:
+    """Parts of lines within a strip, joined where they meet."""
     if not len(lines):
         return lines
-    parts = shapely.get_parts(shapely.line_merge(shapely.intersection(lines, strip)))
+    parts = shapely.get_parts(shapely.intersection(lines, strip))
     parts = parts[shapely.get_type_id(parts) == 1]
+    parts = shapely.get_parts(shapely.line_merge(shapely.multilinestrings(parts)))
     return parts[shapely.length(parts) >= shortest]
 
 
