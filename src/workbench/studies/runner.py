@@ -577,11 +577,19 @@ def _write_tables(
 
 def _design(study: Study, cells: Iterable[Cell]) -> dict[str, Any]:
     runs = [{**{name: _plain(v) for name, v in cell.levels}, "seed": cell.seed} for cell in cells]
-    described = study.model_dump(mode="json")
+    described = _without_places(study.model_dump(mode="json"))
     described["scenes"] = {Path(s).stem: load_scene(s).model_dump(mode="json") for s in scenes_of(study)}
-    if study.scene is not None:
-        described["scene"] = Path(study.scene).stem  # Where the package lies is no part of the design.
     return {"study": described, "cells": runs}
+
+
+def _without_places(value: Any) -> Any:
+    """Scenes by name: where the package lies is no part of the design."""
+    if isinstance(value, dict):
+        return {
+            key: Path(entry).stem if key == "scene" and isinstance(entry, str) else _without_places(entry)
+            for key, entry in value.items()
+        }
+    return value
 
 
 def _plain(level: Any) -> Any:
