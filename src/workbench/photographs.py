@@ -41,6 +41,21 @@ def photograph_size(path: Path | str) -> tuple[int, int]:
         raise SiteError(f"{path}: not a readable image ({error}).") from error
 
 
+def is_8_bit(path: Path | str) -> bool:
+    """Whether the samples of a TIFF have 8 bits.
+
+    Raises
+    ------
+    SiteError
+        If it cannot be read.
+    """
+    try:
+        with rasterio.open(path) as source:
+            return source.dtypes[0] == "uint8"
+    except rasterio.errors.RasterioError as error:
+        raise SiteError(f"{path}: not a readable image ({error}).") from error
+
+
 def read_photograph(path: Path | str, downscale: int = 1) -> np.ndarray:
     """Decode a photograph.
 

@@ -6,14 +6,15 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from conftest import OFFSET  # type: ignore[import-not-found]
 
+from conftest import OFFSET  # type: ignore[import-not-found]
 from workbench.errors import OrientationError
 from workbench.orientation import predict_observation, read_block
 from workbench.orientation.features import candidate_pairs
 from workbench.orientation.files import round_model, write_model
 from workbench.orientation.georeference import georeference
 from workbench.orientation.quality import doming
+from workbench.orientation.stage import far_from_recorded
 from workbench.params import OrientParameters
 from workbench.site import Observation, Photograph
 
@@ -99,3 +100,14 @@ def test_doming_is_found_and_flat_residuals_are_not_accused(virtual_block):
     place = {p.name: (p.x, p.y) for p in virtual.site.control}
     bowl = [replace(row, dz=row.dz + 1e-4 * float(np.sum((place[row.name] - centre) ** 2))) for row in rows]
     assert any("doming" in warning for warning in doming(bowl, virtual.site.control))
+
+
+def test_a_photograph_far_from_its_record_is_named(virtual_block):
+    virtual = virtual_block()
+    assert far_from_recorded(virtual.model, virtual.site, OFFSET) == []
+    moved = [
+        replace(p, position=(p.position[0] + 30, *p.position[1:])) if p.name == "1_2.jpg" else p
+        for p in virtual.site.photographs
+    ]
+    (warning,) = far_from_recorded(virtual.model, replace(virtual.site, photographs=tuple(moved)), OFFSET)
+    assert warning.startswith("1_2.jpg lies 30.") and "Set it aside" in warning

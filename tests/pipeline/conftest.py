@@ -41,7 +41,7 @@ def pond(tmp_path_factory, pond_parameters, run_verb) -> Path:
     """Root with the small site, all its products and its parameters. Do not write into it."""
     root = tmp_path_factory.mktemp("pond")
     (root / "params.yaml").write_text(render_parameters(pond_parameters), encoding="utf-8")
-    flight = {"forward_overlap": 0.75, "reduction": 8}
+    flight = {"forward_overlap": 0.75, "strips": 2, "side_overlap": 0.6, "reduction": 8}
     simulate_scene(POND, root, pond_parameters, flight_overrides=flight)
     for verb in FOLDERS:
         run_verb(verb, root)

@@ -15,6 +15,7 @@ from workbench.site import ControlPoint, Observation
 _LEAST_CONTROL = 3
 _COLLINEAR = 0.02  # Smallest over largest spread of the points; below, a rotation about the line is free.
 _GROSS = 5.0
+_STEP = 1e-4  # Metres, of the numerical derivative.
 _UNKNOWN = (float("nan"), float("nan"), float("nan"), float("nan"))
 
 
@@ -43,7 +44,8 @@ def triangulate(
 ) -> np.ndarray | None:
     """Point (3,) that fits image measurements (photo, column, row) best; None with fewer than two.
 
-    Least squares of the image residuals, from the point nearest to all rays.
+    Least squares of the image residuals, from the point nearest to all rays. None also if the rays do not
+    meet in front of the cameras: a measurement or a pose is then wrong.
     """
     views = []
     for photo, column, row in observations:
@@ -64,17 +66,12 @@ def triangulate(
     for _ in range(10):
         residual, design = [], []
         for image, position in views:
-            residual.append(position - image.project_point(point))
-            step = 1e-4
-            design.append(
-                np.stack(
-                    [
-                        (image.project_point(point + step * axis) - image.project_point(point)) / step
-                        for axis in np.eye(3)
-                    ],
-                    axis=1,
-                )
-            )
+            shown = image.project_point(point)
+            moved = [image.project_point(point + _STEP * axis) for axis in np.eye(3)]
+            if shown is None or any(place is None for place in moved):
+                return None
+            residual.append(position - shown)
+            design.append(np.stack([(place - shown) / _STEP for place in moved], axis=1))
         change = np.linalg.lstsq(np.vstack(design), np.concatenate(residual), rcond=None)[0]
         point = point + change
         if np.linalg.norm(change) < 1e-7:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import os
 import shutil
 from collections import defaultdict
 from collections.abc import Iterator, Mapping
@@ -11,18 +10,21 @@ from contextlib import contextmanager
 from pathlib import Path
 from urllib.parse import quote
 
+import cv2
 import numpy as np
 import pycolmap
 
 from workbench.cameras import Camera
 from workbench.errors import OrientationError
 from workbench.params import OrientParameters
+from workbench.photographs import is_8_bit, read_photograph
 from workbench.site import Photograph, Site
 from workbench.stages import read_json, write_json
 
 # Its own log repeats what metrics and errors say, hundreds of lines long.
 pycolmap.logging.minloglevel = 2
 
+_STAND_INS = "images"
 _BYTES_PER_FEATURE = 160  # 128 of the descriptor, position and shape, and the pages of the database.
 _BYTES_PER_MATCH = 4  # Eight, twice (raw and verified), for a quarter of the features.
 # Matches are verified at random and depend on which pairs there are, so seed and neighbours count.
@@ -49,17 +51,18 @@ def match_features(site: Site, parameters: OrientParameters, work: Path) -> Path
     work.mkdir(parents=True, exist_ok=True)
     database = work / f"features-{_options_key(site, parameters)}.db"
     _require_room(site, parameters, work)
-    folder = image_folder(site)
+    folder = image_folder(site, work)
     _forget_changed(site, database)
     pycolmap.set_random_seed(parameters.seed)
     with _naming(database):
         _fill(site, database, folder, parameters)
+    shutil.rmtree(work / _STAND_INS, ignore_errors=True)
     return database
 
 
 def _fill(site: Site, database: Path, folder: Path, parameters: OrientParameters) -> None:
     """Photographs, features and verified matches, as far as the database does not hold them yet."""
-    names = [_name(photograph, folder) for photograph in site.photographs]
+    names = [photograph.name for photograph in site.photographs]
     pycolmap.Database.open(database).close()
     _rename(database, {quote(name): name for name in names})  # As an interruption may have left them.
     _import(site, database, folder)
@@ -135,10 +138,41 @@ def candidate_pairs(photographs: tuple[Photograph, ...], neighbours: int) -> lis
     return sorted(pairs)
 
 
-def image_folder(site: Site) -> Path:
-    """Folder that all photographs lie below; their names are relative to it."""
+def image_folder(site: Site, work: Path) -> Path:
+    """Folder that all photographs lie below; their names are relative to it.
+
+    COLMAP takes 16 bit by their upper half, which leaves a sensor of 12 or 14 bit dark, and not every
+    number of bands: where there are such photographs, a folder of stand-ins takes the place, with links
+    to those that need none.
+    """
     first = site.photographs[0]
-    return Path(str(first.path)[: -len(first.name)]) if first.name else first.path.parent
+    own = Path(str(first.path)[: -len(first.name)]) if first.name else first.path.parent
+    if all(_is_plain(photograph) for photograph in site.photographs):
+        return own
+    folder = work / _STAND_INS
+    for photograph in site.photographs:
+        target = folder / photograph.name
+        target.parent.mkdir(parents=True, exist_ok=True)
+        if target.is_symlink() or target.exists():
+            target.unlink()
+        if _is_plain(photograph):
+            target.symlink_to(photograph.path.resolve())
+        else:
+            cv2.imwrite(str(target), _grey(photograph.path))
+    return folder
+
+
+def _is_plain(photograph: Photograph) -> bool:
+    if photograph.path.suffix.lower() in (".jpg", ".jpeg"):
+        return True
+    return photograph.bands <= 3 and is_8_bit(photograph.path)
+
+
+def _grey(path: Path) -> np.ndarray:
+    """Mean of the first three bands, 8 bit, from the 0.5th to the 99.5th percentile."""
+    image = read_photograph(path)[..., :3].astype(np.float32).mean(axis=-1)
+    low, high = np.percentile(image, (0.5, 99.5))
+    return np.clip((image - low) * (255 / max(high - low, 1.0)) + 0.5, 0, 255).astype(np.uint8)
 
 
 def colmap_camera(camera: Camera) -> list[float]:
@@ -157,7 +191,7 @@ def _import(site: Site, database: Path, folder: Path) -> None:
     """Cameras and photographs in a fixed order: their numbers, and so the result, depend on it."""
     by_camera: dict[str, list[str]] = defaultdict(list)
     for photograph in site.photographs:
-        by_camera[photograph.camera].append(_name(photograph, folder))
+        by_camera[photograph.camera].append(photograph.name)
     for identifier in sorted(by_camera):
         if identifier not in site.cameras:
             raise OrientationError(
@@ -203,10 +237,6 @@ def _forget_changed(site: Site, database: Path) -> None:
 def _digest(path: Path) -> str:
     with path.open("rb") as file:
         return hashlib.file_digest(file, "blake2b").hexdigest()[:32]
-
-
-def _name(photograph: Photograph, folder: Path) -> str:
-    return os.path.relpath(photograph.path, folder)
 
 
 def _options_key(site: Site, parameters: OrientParameters) -> str:

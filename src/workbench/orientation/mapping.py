@@ -9,7 +9,6 @@ import numpy as np
 import pycolmap
 
 from workbench.errors import OrientationError
-from workbench.orientation.features import image_folder
 from workbench.params import OrientParameters
 from workbench.site import Photograph, Site
 
@@ -59,7 +58,8 @@ def map_block(
     shutil.rmtree(folder, ignore_errors=True)
     folder.mkdir(parents=True)
     pycolmap.set_random_seed(parameters.seed)
-    models = pycolmap.incremental_mapping(database, image_folder(site), folder, options)
+    # Without colours the photographs themselves are not looked at.
+    models = pycolmap.incremental_mapping(database, work, folder, options)
     if not models:
         raise OrientationError(
             f"Site {site.name}: no two photographs could be connected. They may not overlap, or be blurred, "

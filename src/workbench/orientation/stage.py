@@ -27,6 +27,8 @@ from workbench.site import Site, check_site
 from workbench.stages import FOLDERS, open_stage
 
 _LEAST_PHOTOGRAPHS = 2
+_FAR = 10.0  # Times the median distance of adjusted and recorded positions.
+_LEAST_FAR = 1.0  # Metres; precise recorders would make a handful of decimetres look far.
 
 
 def orient_site(site: Site, parameters: Parameters) -> dict:
@@ -72,6 +74,7 @@ def orient_site(site: Site, parameters: Parameters) -> dict:
         write_cameras(model, site, offset, reasons, stage.path("cameras.csv"))
         write_control(rows, stage.path("control.csv"))
         _write_tie_points(points, offset, site, stage.path("tie_points.laz"))
+        warnings += far_from_recorded(model, site, offset)
         if models > 1:
             warnings.append(f"{models} separate models: the largest is used, the others are not connected.")
         if reasons:
@@ -218,6 +221,26 @@ def _reasons(model: pycolmap.Reconstruction, site: Site, database: pycolmap.Data
         else:
             reasons[photograph.name] = f"matched ({best}), but not connected to the largest model"
     return reasons
+
+
+def far_from_recorded(model: pycolmap.Reconstruction, site: Site, offset: np.ndarray) -> list[str]:
+    """Photographs much farther from their recorded position than the others: one of the two is wrong."""
+    away = {}
+    for photograph in site.photographs:
+        image = model.find_image_with_name(photograph.name)
+        if image is not None and image.has_pose and photograph.position is not None:
+            away[photograph.name] = float(
+                np.linalg.norm((image.projection_center() + offset - photograph.position)[:2])
+            )
+    if not away:
+        return []
+    limit = max(_FAR * float(np.median(list(away.values()))), _LEAST_FAR)
+    return [
+        f"{name} lies {distance:.1f} m from its recorded position, much farther than the others: it was "
+        "matched wrongly, or the record is wrong. Set it aside, or empty its position, in photographs.csv."
+        for name, distance in away.items()
+        if distance > limit
+    ]
 
 
 def _write_tie_points(points: TiePoints, offset: np.ndarray, site: Site, path: Any) -> None:
