@@ -14,9 +14,10 @@ from ruamel.yaml import YAML
 
 from workbench.errors import RasterError, StudyError
 from workbench.params import Parameters
-from workbench.rasters import read_raster
-from workbench.studies import repeat_chain, repetitions
+from workbench.rasters import Grid, new_raster, read_raster, write_raster
+from workbench.studies import repeat_chain, repetitions, reproducibility
 from workbench.studies.repetitions import repeat_step
+from workbench.studies.reproducibility import NOT_COMPARED
 from workbench.virtual import simulate_scene
 
 # On so easy a block the adjustment heals what random samples disturb: seeds 1 and 2 lead to the same poses,
@@ -154,6 +155,17 @@ def test_unknown_steps_and_surfaces_are_named(meadow):
 def test_fewer_than_two_are_refused(meadow):
     with pytest.raises(StudyError, match="at least two"):
         repeat_chain(meadow, PARAMETERS, repetitions=1)
+
+
+def test_cells_without_data_are_not_compared(tmp_path):
+    grid = Grid.from_bounds("EPSG:32633", (0, 0, 20, 20), 1.0)
+    values = np.random.default_rng(0).integers(1, 255, (3, 20, 20), dtype=np.uint8)
+    values[:, :5] = 0
+    paths = [tmp_path / f"{k}.tif" for k in range(2)]
+    for path in paths:
+        write_raster(new_raster(values, grid, name="o", units="1", nodata=0), path)
+    layer = reproducibility(repetitions.common_area([read_raster(path) for path in paths])).layer
+    np.testing.assert_array_equal(layer.values == NOT_COMPARED, (values == 0).all(axis=0))
 
 
 def test_mosaics_without_common_area_are_refused(twice):

@@ -301,7 +301,10 @@ def common_area(mosaics: Sequence[xr.DataArray]) -> list[xr.DataArray]:
     for mosaic, grid in zip(mosaics, grids, strict=True):
         rows = slice(*(round((grid.north - edge) / grid.resolution) for edge in (north, south)))
         columns = slice(*(round((edge - grid.west) / grid.resolution) for edge in (west, east)))
-        common.append(mosaic.isel(y=rows, x=columns))
+        part = mosaic.isel(y=rows, x=columns)
+        # A part forgets what no data is; two empty cells would then count as identical.
+        missing = mosaic.rio.nodata
+        common.append(part if missing is None else part.rio.write_nodata(missing))
     return common
 
 
