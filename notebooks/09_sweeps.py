@@ -22,6 +22,7 @@
 # `workbench study NAME --estimate` says what the full design would cost on your machine.
 
 # %%
+# %matplotlib inline
 import os
 from pathlib import Path
 

@@ -27,6 +27,7 @@
 # then `workbench study findings`.
 
 # %%
+# %matplotlib inline
 import os
 from pathlib import Path
 

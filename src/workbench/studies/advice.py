@@ -82,9 +82,9 @@ class Advice:
     """What is left of it at the canopy, 0..1."""
     side_overlap: float
     """To set for the ground, 0..1."""
-    unmatched: tuple[float, float] | None
-    """Share of the canopy without a match, from and to, per cent: the interval of the studies, widened to
-    hold the published table; None where nothing was measured (reed, orthophoto)."""
+    unmatched: dict[str, tuple[float, float]]
+    """Share of the canopy without a match, from and to, per cent, by the published table and by our virtual
+    flights; empty where nothing was measured (reed, orthophoto)."""
     evidence: tuple[str, ...]
     """What the advice rests on, and how far it carries."""
 
@@ -97,8 +97,8 @@ class Advice:
             f"({100 * self.forward_overlap_canopy:.0f} % at the canopy), "
             f"side {100 * self.side_overlap:.0f} %, angle {self.angle_canopy:.1f} degrees at the canopy."
         )
-        if self.unmatched is not None:
-            text += f" Expect {self.unmatched[0]:.1f}-{self.unmatched[1]:.1f} % of the canopy unmatched."
+        for source, (low, high) in self.unmatched.items():
+            text += f" Unmatched canopy, {source}: {low:.1f}-{high:.1f} %."
         return text + "\n" + "\n".join(f"- {line}" for line in self.evidence)
 
 
@@ -187,7 +187,7 @@ def advise(
         1 - base / (along * height),
         1 - base / (along * above),
         1 - spacing / (across * height),
-        _unmatched(root, angle, own * downscale) if purpose in ("conifer", "broadleaf") else None,
+        _unmatched(root, angle, own * downscale) if purpose in ("conifer", "broadleaf") else {},
         _evidence(root, target, purpose),
     )
 
@@ -270,15 +270,16 @@ def study_collapse(table: pd.DataFrame, response: str) -> Collapse:
     )
 
 
-def _unmatched(root: Path, angle: float, gsd: float) -> tuple[float, float]:
-    """Lowest and highest share that the lines and their scatter (one standard deviation) expect, per cent."""
-    pixels = math.tan(math.radians(angle)) / gsd
-    found = []
-    for line in unmatched_lines(root).values():
+def _unmatched(root: Path, angle: float, gsd: float) -> dict[str, tuple[float, float]]:
+    """What each line expects, plus and minus its scatter (one standard deviation), per cent."""
+    logs = math.log(math.tan(math.radians(angle)) / gsd)
+    found = {}
+    for name, line in unmatched_lines(root).items():
         scatter = float(line.cells["residual"].std(ddof=2))
-        logit = line.intercept + line.slope * math.log(pixels)
-        found += [100 / (1 + math.exp(-logit - sign * scatter)) for sign in (-1, 1)]
-    return min(found), max(found)
+        logit = line.intercept + line.slope * logs
+        low, high = (100 / (1 + math.exp(-logit - sign * scatter)) for sign in (-1, 1))
+        found[name] = (low, high)
+    return found
 
 
 def _evidence(root: Path, target: Target, purpose: str) -> tuple[str, ...]:
