@@ -277,23 +277,31 @@ def new_raster(
     long_name: str = "",
     vertical_datum: str | None = None,
     nodata: float | None = None,
+    copy: bool = True,
     **attributes: Any,
 ) -> xr.DataArray:
     """Wrap values of shape ``grid.shape`` or (band, rows, columns) as a raster.
 
-    Floats use NaN for missing cells; for integers give ``nodata`` where a value means missing.
+    Floats use NaN for missing cells; for integers give ``nodata`` where a value means missing. Without
+    ``copy`` the values themselves are taken over.
     """
     dims = ("y", "x") if values.ndim == 2 else ("band", "y", "x")
     if values.shape[-2:] != grid.shape:
         raise RasterError(f"Values of shape {values.shape} do not fit the grid {grid.shape} of {name}.")
-    raster = xr.DataArray(values, dims=dims, coords={"y": grid.y, "x": grid.x}, name=name)
+    raster = xr.DataArray(
+        values.copy() if copy else values, dims=dims, coords={"y": grid.y, "x": grid.x}, name=name
+    )
     raster.attrs = {"units": units, "long_name": long_name or name, **attributes}
     if vertical_datum is not None:
         raster.attrs[VERTICAL_DATUM] = vertical_datum
     if nodata is None and np.issubdtype(values.dtype, np.floating):
         nodata = np.nan
-    raster = raster.rio.write_crs(grid.crs).rio.write_transform(grid.transform)
-    return raster if nodata is None else raster.rio.write_nodata(nodata)
+    # In place: each of these would copy all values once more.
+    raster.rio.write_crs(grid.crs, inplace=True)
+    raster.rio.write_transform(grid.transform, inplace=True)
+    if nodata is not None:
+        raster.rio.write_nodata(nodata, inplace=True)
+    return raster
 
 
 def require_same_grid(a: xr.DataArray, b: xr.DataArray) -> None:

@@ -176,6 +176,7 @@ def crown_labels(
         units="1",
         long_name="tree_id",
         nodata=0,
+        copy=False,
     )
 
 
