@@ -137,6 +137,28 @@ def test_a_hole_with_unknown_water_in_it_is_a_hole_and_a_patch_cut_off_by_unknow
     assert closed.area_m2[0] == pytest.approx(8 * 3.5)
 
 
+def test_a_ring_with_little_water_around_unknown_ground_is_unknown():
+    """The gap of 0.9 x 0.9 m would be closed if all of its heights were known; two cells of it are not."""
+    dsm = surface(here(shapely.box(10, 2, 50, 25).difference(shapely.box(20, 15, 20.9, 15.9))))
+    assert trace_front(map_extent(object_height(dsm, LEVEL), lake(LAKE))).closed.empty
+    dsm.values[244:246, 204] = np.nan
+    mapped = map_extent(object_height(dsm, LEVEL), lake(LAKE))
+    closed = trace_front(mapped).closed
+    assert closed.kind.tolist() == ["unknown"]
+    assert closed.area_m2[0] == pytest.approx(0.81)
+    assert trace_front(mapped, min_hole=0.7).closed.kind.tolist() == ["hole"]
+
+
+def test_a_cell_of_water_that_hangs_on_open_water_by_a_corner_is_no_hole():
+    dsm = surface(here(shapely.box(10, 2, 50, 25)))
+    dsm.values[150, 300] = LEVEL  # In the outermost row of reed, y 24.9..25: a notch of one cell.
+    dsm.values[151, 301] = LEVEL  # Behind it, and beside it by a corner only.
+    front = trace_front(map_extent(object_height(dsm, LEVEL), lake(LAKE)))
+    assert front.closed.empty
+    dsm.values[200, 300] = LEVEL  # Alone in the reed: closed.
+    assert trace_front(map_extent(object_height(dsm, LEVEL), lake(LAKE))).closed.empty
+
+
 def test_front_beside_unknown_ground_is_no_front():
     dsm = surface(here(shapely.box(10, 2, 50, 25)))
     dsm.values[:, 500:] = np.nan  # x > 50: the east side of the reed.

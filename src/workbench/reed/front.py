@@ -27,7 +27,8 @@ class Front:
     """Open pieces: ``length_m``, ``straight_m`` (between the ends), ``sinuosity``."""
     closed: gpd.GeoDataFrame
     """Closed lines as polygons: ``kind`` (islet: reed away from the shore; hole: water in the reed;
-    unknown: more than half of the line runs along ground without heights), ``area_m2``."""
+    unknown: more than half of the line runs along ground without heights, or little else is in it),
+    ``area_m2``."""
 
 
 def sinuosity(line: BaseGeometry | gpd.GeoSeries | gpd.GeoDataFrame | ArrayLike) -> float:
@@ -82,6 +83,7 @@ def trace_front(
     shore_tolerance: float = _DEFAULTS.shore_tolerance,
     smoothing: float = _DEFAULTS.front_smoothing,
     shortest: float = _DEFAULTS.front_piece,
+    min_hole: float = _DEFAULTS.min_hole,
 ) -> Front:
     """Outline of the reed minus the shoreline, and its closed lines.
 
@@ -100,6 +102,10 @@ def trace_front(
         at any angle then has sinuosity 1 (up to 1.41 along pixel edges).
     shortest
         Shorter open pieces are dropped, m.
+    min_hole
+        A ring that holds less water of known height is no hole, m². The extent keeps such rings open
+        because of ground without heights in them, then they are unknown; or because they hang on other
+        water by the corner of a cell, then they are part of that and not listed.
     """
     pixel = extent.grid.resolution
     edge = _EDGE * pixel
@@ -122,6 +128,12 @@ def trace_front(
     kinds = np.array(["islet"] * len(islets) + ["hole"] * len(holes), dtype=object)
     kinds[_mostly_beside(rings, gaps, edge)] = "unknown"
     shapes = shapely.polygons(rings)
+    least = min_hole * (1 - 1e-9)
+    kinds[(kinds == "hole") & (_known_area(shapes, gaps) < least)] = "unknown"
+    # A small ring of known heights is left only where it hangs on other water by the corner of a cell.
+    pocket = (kinds == "unknown") & (_known_area(shapes, gaps) > (1 - 1e-6) * shapely.area(shapes))
+    pocket &= (shapely.area(shapes) < least) & (np.arange(len(rings)) >= len(islets))
+    kinds, shapes = kinds[~pocket], shapes[~pocket]
     closed = gpd.GeoDataFrame(
         {"kind": kinds, "area_m2": shapely.area(shapes)}, geometry=shapes, crs=extent.grid.crs
     )
@@ -141,6 +153,12 @@ def _mostly_beside(rings: np.ndarray, gaps: np.ndarray, edge: float) -> np.ndarr
         shapely.intersection(rings[ring], shapely.buffer(gaps[gap], edge, quad_segs=1, join_style="mitre"))
     )
     return np.bincount(ring, along, minlength=len(rings)) > 0.5 * shapely.length(rings)
+
+
+def _known_area(shapes: np.ndarray, gaps: np.ndarray) -> np.ndarray:
+    """Area of polygons without the gaps in them, m²."""
+    shape, gap = shapely.STRtree(shapely.point_on_surface(gaps)).query(shapes, predicate="contains")
+    return shapely.area(shapes) - np.bincount(shape, shapely.area(gaps[gap]), minlength=len(shapes))
 
 
 def _without(lines: np.ndarray, zone: BaseGeometry) -> np.ndarray:

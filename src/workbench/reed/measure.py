@@ -167,6 +167,7 @@ class ReedModel:
                 shore_tolerance=o.shore_tolerance,
                 smoothing=o.front_smoothing,
                 shortest=o.front_piece,
+                min_hole=o.min_hole,
             ),
         )
         for_strips = (o.section_length, o.transect_length, o.shore_smoothing, o.box_buffer)
