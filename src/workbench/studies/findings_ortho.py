@@ -119,7 +119,7 @@ def o08(e: Evidence) -> Iterator[Criterion]:
 
 
 def gap_shares(root: Path, site: str = _SITE) -> dict[str, float]:
-    """Share of living forest that is not reproducible near gaps and farther away, 0..1.
+    """Share of forest that is not reproducible near gaps and farther away, 0..1.
 
     From the layer of the repetitions and the truth of the site; where they are not there, from ``gaps.csv``
     beside them, which this writes.
@@ -142,9 +142,9 @@ def gap_shares(root: Path, site: str = _SITE) -> dict[str, float]:
         raise NotTestable(f"site {site} has no true land cover")
     cover = match_grid(read_raster(truth / "cover.tif"), grid, resampling="nearest").to_numpy()
     code = {row["cover"]: int(row["code"]) for _, row in read_table(truth / "cover.csv", ["code", "cover"])}
-    living = np.isin(cover, [code[name] for name in ("broadleaf", "conifer")])
-    distance = ndimage.distance_transform_edt(living, sampling=grid.resolution)
-    compared = living & (layer.to_numpy() != NOT_COMPARED)
+    forest = np.isin(cover, [code[name] for name in ("broadleaf", "conifer", "forest_floor")])
+    distance = ndimage.distance_transform_edt(forest, sampling=grid.resolution)
+    compared = forest & (layer.to_numpy() != NOT_COMPARED)
     runs = len(pd.read_csv(folder / "errors.csv"))
     different = layer.to_numpy() < runs * (runs - 1) // 2
     shares = {
