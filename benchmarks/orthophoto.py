@@ -19,7 +19,6 @@ from datetime import datetime
 from pathlib import Path
 
 import cv2
-import geopandas as gpd
 import numpy as np
 import pandas as pd
 import xarray as xr
@@ -116,7 +115,6 @@ def places(site: Site, pictures: Path | None) -> None:
                     | {"places": place, "number": len(table), "found": len(known)}
                     | {"median_gsd": np.median(shift), "p95_gsd": np.percentile(shift, 95)}
                     | {"within_1_gsd": float((shift <= 1).mean()), "hidden_share": hidden}
-                    | {"strange_share": strange(truth, ortho, site)}
                 )
             if pictures is not None:
                 draw(ortho, site, pictures / f"{site.name}_{name}_{'true' if visible else 'double'}.jpg")
@@ -228,33 +226,6 @@ def sample(mosaic: xr.DataArray, places: np.ndarray) -> np.ndarray:
     x = ((places[:, 0] - grid.west) / grid.resolution - 0.5).astype(np.float32)
     y = ((grid.north - places[:, 1]) / grid.resolution - 0.5).astype(np.float32)
     return cv2.remap(grey, x[None], y[None], cv2.INTER_LINEAR, borderValue=np.nan)[0]
-
-
-def strange(truth: xr.DataArray, ortho: xr.DataArray, site: Site) -> float:
-    """Share of the cells around the houses whose colour is another thing's, off by more than 40 of 255."""
-    grid = Grid.of(truth)
-    roofs: gpd.GeoDataFrame = read_vector((site.truth or site.folder) / "buildings.gpkg")
-    near = geometry_mask(list(roofs.buffer(6)), grid.shape, grid.transform, invert=True)
-    edge = geometry_mask(list(roofs.boundary.buffer(0.3)), grid.shape, grid.transform, invert=True)
-    shown = (ortho.values > 0).all(axis=0) & near & ~edge
-    a, b = (
-        cv2.GaussianBlur(np.moveaxis(m.values.astype(np.float32), 0, -1), (5, 5), 0) for m in (truth, ortho)
-    )
-    return float((np.abs(a - b).max(axis=-1)[shown] > 40).mean())
-
-
-def alike(ortho: xr.DataArray, truth: xr.DataArray) -> xr.DataArray:
-    """The orthophoto in the colours of the truth, which has 50 km of air before it: a line per band."""
-    shown = (ortho.values > 0).all(axis=0)
-    values = ortho.values.astype(np.float32)
-    for band, reference in zip(values, truth.values, strict=True):
-        x, y = band[shown][::97], reference[shown][::97].astype(np.float32)
-        slope, level = np.polyfit(x, y, 1)
-        for _ in range(5):  # without what is not alike
-            close = np.abs(slope * x + level - y) < 12
-            slope, level = np.polyfit(x[close], y[close], 1)
-        band[:] = np.where(shown, np.maximum(slope * band + level, 1), 0)
-    return ortho.copy(data=values)
 
 
 def draw(ortho: xr.DataArray, site: Site, path: Path) -> None:
