@@ -122,6 +122,12 @@ def draw_response_on(
             axes.vlines(drawn, spread[:, 0], spread[:, 1], color=style["color"], lw=1, alpha=0.6)
         if x.dtype == object:
             axes.set_xticks(drawn, x)
+    drawn_means = np.concatenate([np.asarray(line.get_ydata(), dtype=float) for line in axes.get_lines()])
+    known = drawn_means[np.isfinite(drawn_means)]
+    if known.size:
+        # Student's intervals of two seeds would press the lines flat: they are cut off by the frame.
+        reach = max(float(np.ptp(known)), 1e-9)
+        axes.set_ylim(float(known.min()) - 0.25 * reach, float(known.max()) + 0.25 * reach)
     axes.set_ylabel(f"{response} ({unit.iloc[0]})" if len(unit) else response)
     axes.grid(alpha=0.3)
     if by is not None:
@@ -213,7 +219,7 @@ def draw_collapse(ours: Collapse, published: Collapse) -> Figure:
         x = np.geomspace(fit.cells["pixels_per_metre"].min(), fit.cells["pixels_per_metre"].max(), 20)
         axes.plot(x, fit.intercept + fit.slope * np.log(x), color=colour, lw=1)
     axes.set_xscale("log")
-    shares = np.array([0.02, 0.1, 0.5, 1, 2, 5, 10, 20, 40])
+    shares = np.array([0.02, 0.1, 0.5, 1, 2, 5, 10, 20, 40, 60, 80, 95, 99.5])
     axes.set_yticks(np.log(shares / (100 - shares)), [f"{share:g}" for share in shares])
     axes.set(xlabel="disparity (px per metre of height)", ylabel="unmatched (%)")
     axes.legend(fontsize=8, frameon=False, ncols=2)
