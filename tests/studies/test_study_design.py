@@ -35,6 +35,13 @@ def test_full_design_has_every_combination_and_seed():
     assert dict(cells[0].levels) == {"thin": 1, "match.inflight": 1}
 
 
+def test_levels_may_be_lists():
+    chosen = study(factors={"match.downscales": [[1], [1, 2, 3]]})
+    cells = cells_of(chosen)
+    assert len(set(cells)) == 2
+    assert parameters_of(chosen, cells[1], Parameters()).match.downscales == (1, 2, 3)
+
+
 def test_fractional_design_uses_every_level_evenly():
     cells = cells_of(
         study(

@@ -238,7 +238,7 @@ def cells_of(study: Study) -> tuple[Cell, ...]:
     if isinstance(study.design, Fractional):
         combinations = _part(combinations, study.design)
     cells = tuple(
-        Cell(tuple(zip(study.factors, levels, strict=True)), seed)
+        Cell(tuple(zip(study.factors, map(_frozen, levels), strict=True)), seed)
         for levels in combinations
         for seed in study.seeds
     )
@@ -323,6 +323,11 @@ def _problems(study: Study, cell: Cell) -> list[str]:
         if not isinstance(every, int) or every < 1:
             problems.append(f"{name} is {every!r}: give a whole number from 1.")
     return problems
+
+
+def _frozen(level: Any) -> Any:
+    """A list of downscales, say, as a tuple: a cell is a value that can be looked up."""
+    return tuple(level) if isinstance(level, list) else level
 
 
 def _part(combinations: list[tuple[Any, ...]], design: Fractional) -> list[tuple[Any, ...]]:
