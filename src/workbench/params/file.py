@@ -11,6 +11,7 @@ from typing import Any
 from pydantic import BaseModel, Field, ValidationError
 from ruamel.yaml import YAML
 from ruamel.yaml.error import YAMLError
+from ruamel.yaml.representer import RoundTripRepresenter
 
 from workbench.errors import ParameterError
 from workbench.params.assess import AssessParameters
@@ -117,8 +118,12 @@ def render_parameters(parameters: Parameters) -> str:
         value = getattr(parameters, name)
         lines.append("")
         if isinstance(value, BaseModel):
-            lines += [f"# {_first_line(type(value).__doc__)}", f"{name}:"]
-            lines += _render_section(value, indent=2) or ["  {}"]
+            fields = _render_section(value, indent=2)
+            lines += [
+                f"# {_first_line(type(value).__doc__)}",
+                f"{name}:" if fields else f"{name}: {{}}",
+                *fields,
+            ]
         else:
             lines += [f"# {field.description}", f"{name}: {_scalar(value)}"]
     return "\n".join(lines) + "\n"
@@ -180,8 +185,18 @@ def _read_yaml(path: Path) -> Any:
     return document
 
 
+class _Representer(RoundTripRepresenter):
+    """Writes null as null, as :func:`render_parameters` does; ruamel leaves the place empty."""
+
+
+_Representer.add_representer(
+    type(None), lambda representer, _: representer.represent_scalar("tag:yaml.org,2002:null", "null")
+)
+
+
 def _yaml() -> YAML:
     yaml = YAML()
+    yaml.Representer = _Representer
     yaml.preserve_quotes = True
     yaml.width = 10_000
     return yaml
