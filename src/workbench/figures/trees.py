@@ -9,6 +9,7 @@ from __future__ import annotations
 import html
 import time
 from collections.abc import Mapping
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -102,7 +103,7 @@ def tree_panel(
         key = f"trees {source.products} {stamp.stat().st_mtime_ns if stamp.exists() else 0}"
         # Files are read once for all visitors; every visitor has a model, which keeps the last steps.
         inputs, own_ortho, own_references = pn.state.as_cached(
-            key, _load, site=source, options=options, assessment=assessment
+            key, partial(_load, source, options, assessment)
         )
         ortho = own_ortho if ortho is None else ortho
         references = own_references if references is None else references
