@@ -55,5 +55,10 @@ NOTES: dict[str, str] = {
         "empty whatever the flight. Study `holes` shows why: small patches that the surface stage "
         "removes. With them kept 1.8 % are empty at 2.7 degrees and 20 cm."
     ),
+    "T11": (
+        "Not explained. The scene is small and stands on one side of the strip, and two seeds see few "
+        "photographs at 60 %: the full study with six seeds must tell whether the sun or the geometry "
+        "makes the difference."
+    ),
 }
 """Number of a finding (or ``collapse``) -> a sentence or two."""
