@@ -92,12 +92,12 @@ class OrientParameters(Section):
         le=100,
     )
     outlier_sds: float = parameter(
-        5.0,
+        6.0,
         "So are those beyond so many robust standard deviations of the block's residuals (moving leaves, "
         "reed, water), unless optimise chooses the threshold.",
         unit="1",
-        source="normal errors are beyond once in 270 000; with 3 to 6 alike, poses of a virtual lake improve "
-        "from 12 to 5 cm",
+        source="normal errors never are; with 3 to 6 alike, poses of a virtual lake improve from 12 to 5 cm. "
+        "The largest of these: what a lens model leaves in corners is no outlier (at 5 a real block bends)",
         ge=3,
         le=1000,
     )

@@ -109,7 +109,7 @@ def grid_level(
     stored = _Pairs(pairs, heights)
     cell = grid.resolution**2
     least, alone = parameters.min_patch / cell, parameters.min_single_patch / cell
-    specks = SpeckFinder(grid.shape, least, parameters.patch_step, alone)
+    specks = SpeckFinder(grid.shape, least, parameters.largest_step(grid.resolution), alone)
     tiles = list(grid.tiles(parameters.tile_size))
     for tile in tiles:
         height, count, spread = _fuse_tile(stored, grid, tile, heights, parameters)
