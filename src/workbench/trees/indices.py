@@ -25,7 +25,10 @@ def green_leaf_index(red: np.ndarray, green: np.ndarray, blue: np.ndarray) -> np
 
 def brightness(*bands: np.ndarray) -> np.ndarray:
     """Mean of the bands (red, green, blue, and near infrared where there is one)."""
-    return np.mean([band.astype(np.float32) for band in bands], axis=0)
+    total = bands[0].astype(np.float32)
+    for band in bands[1:]:  # One at a time: an orthophoto of centimetres fills a gigabyte as numbers.
+        total += band
+    return total / np.float32(len(bands))
 
 
 def _ratio(above: np.ndarray, below: np.ndarray) -> np.ndarray:
