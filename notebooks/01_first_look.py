@@ -22,6 +22,7 @@
 # `workbench new-site` and change `name` below.
 
 # %%
+# %matplotlib inline
 import os
 from pathlib import Path
 
@@ -132,6 +133,27 @@ if site.truth is not None:
     )
     print(f"median {float(difference.median()):+.3f} m")
 picture
+
+# %% [markdown]
+# ## Reed, trees, and how good it is
+# The same functions that the command line calls: aquatic reed along the shore, single trees on land, and every product
+# against its reference. Notebooks 07 and 08 take them apart.
+
+# %%
+from workbench.assessment import assess_site
+from workbench.reed import reed_site
+from workbench.trees import trees_site
+
+for stage, folder in ((reed_site, "reed"), (trees_site, "trees"), (assess_site, "assessment")):
+    if not (site.products / folder / "metrics.json").exists():
+        stage(site, parameters)
+pd.Series(
+    {
+        "reed, area (m²)": read_json(site.products / "reed/metrics.json")["extent_m2"],
+        "trees": read_json(site.products / "trees/metrics.json")["trees"],
+    },
+    name=name,
+).to_frame()
 
 # %% [markdown]
 # ## The report

@@ -85,7 +85,8 @@ def take_photograph(scene: Scene, flight: Flight, exposure: Exposure, conditions
     blur = 0 * motion if flight.camera.compensates_motion else motion
     rng = np.random.default_rng([conditions.seed, 43, exposure.release, exposure.mount])
     light = expose(radiance, optics, motion=blur, whole_frame=flight.camera.full_frame, rng=rng)
-    pixels = np.ascontiguousarray(np.moveaxis(tone(light), 0, -1))
+    # Band by band: the intermediate values of all at once need more memory than the photograph itself.
+    pixels = np.stack([tone(band) for band in light], axis=-1)
     return Taken(pixels, view, visible_targets(scene, flight, exposure, view, motion * optics.readout_time))
 
 
