@@ -1,12 +1,10 @@
 """The panel: what a slider computes and shows, what the button writes, and how fast a browser shows it."""
 
-import socket
 from pathlib import Path
 
 import geopandas as gpd
 import numpy as np
 import pandas as pd
-import panel as pn
 import pytest
 import shapely
 import yaml
@@ -178,35 +176,7 @@ def test_the_stages_named_are_those_that_dvc_would_run():
         assert set(stages_to_rerun((section,))) == again & set(FOLDERS), section
 
 
-WATCH = """
-() => {
-  const deep = (root, found) => {
-    root.querySelectorAll('*').forEach(e => { if (e.shadowRoot) deep(e.shadowRoot, found); });
-    root.querySelectorAll('canvas').forEach(c => { if (c.width > 100) found.push(c); });
-    return found;
-  };
-  const canvases = deep(document, []);
-  const hash = c => {
-    const pixels = c.getContext('2d').getImageData(0, 0, c.width, c.height).data;
-    let h = 0;
-    for (let i = 0; i < pixels.length; i += 97) h = (h * 31 + pixels[i]) | 0;
-    return h;
-  };
-  // Milliseconds from the key to the first frame that shows another picture.
-  window.arm = index => {
-    window.shown = null;
-    const before = hash(canvases[index]);
-    let start = null;
-    document.addEventListener('keydown', () => { start = performance.now(); }, {capture: true, once: true});
-    const look = () => {
-      if (start !== null && hash(canvases[index]) !== before) window.shown = performance.now() - start;
-      else requestAnimationFrame(look);
-    };
-    look();
-  };
-}
-"""
-# Slider (in the order of the panel), canvas (two a picture) that it changes, and keys in turn.
+# Slider, canvas that it changes, and keys in turn (see tests/conftest.py).
 MOVES = {
     "water level": (0, 4, ("ArrowRight",)),
     "minimum height": (1, 4, ("ArrowRight",)),
@@ -216,44 +186,10 @@ MOVES = {
 }
 
 
-@pytest.fixture
-def served():
-    servers = []
-
-    def serve(make):
-        with socket.socket() as free:
-            free.bind(("127.0.0.1", 0))
-            port = free.getsockname()[1]
-        servers.append(pn.serve(make, port=port, show=False, threaded=True, address="127.0.0.1"))
-        return f"http://127.0.0.1:{port}/"
-
-    yield serve
-    for server in servers:
-        server.stop()
-
-
 @pytest.mark.slow
+@pytest.mark.browser
 @pytest.mark.parametrize(("length", "limit"), [(100.0, 0.3), (1000.0, 1.0)])
-def test_a_change_is_on_the_screen_in_time(length, limit, browser, served):
+def test_a_change_is_on_the_screen_in_time(length, limit, screen_times):
     model, ortho, references = shore_line(length)
-    address = served(lambda: reed_panel(model, ortho=ortho, references=references))
-    page = browser.new_page(viewport={"width": 1640, "height": 1250})
-    page.set_default_timeout(60_000)
-    page.goto(address)
-    page.wait_for_selector("canvas")
-    page.wait_for_timeout(3000)
-    page.evaluate(WATCH)
-    handles = page.locator(".noUi-handle")
-    times = {name: [] for name in MOVES}
-    for turn in range(4):
-        for name, (slider, canvas, keys) in MOVES.items():
-            handles.nth(slider).focus()
-            page.evaluate(f"window.arm({canvas})")
-            page.keyboard.press(keys[turn % len(keys)])
-            page.wait_for_function("window.shown !== null", polling=50)
-            times[name].append(page.evaluate("window.shown") / 1000)
-            page.wait_for_timeout(200)
-    page.close()
-    print({name: [round(t, 3) for t in values] for name, values in times.items()})
-    # The first move compiles and warms up; of the others the best is least disturbed by the machine.
-    assert {name: min(values[1:]) for name, values in times.items() if min(values[1:]) > limit} == {}
+    times = screen_times(lambda: reed_panel(model, ortho=ortho, references=references), MOVES, (1640, 1250))
+    assert {name: seconds for name, seconds in times.items() if seconds > limit} == {}

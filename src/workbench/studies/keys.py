@@ -16,10 +16,10 @@ def hash_of(content: Any) -> str:
 
 
 @cache
-def hash_of_code(package: str) -> str:
+def hash_of_code(package: str, pattern: str = "*.py") -> str:
     """Hash of the source of a package of the workbench: results of other code are other results."""
     folder = Path(__file__).parents[1] / package
     digest = hashlib.sha256()
-    for path in sorted(folder.rglob("*.py")):
+    for path in sorted(folder.rglob(pattern)):
         digest.update(path.read_bytes())
     return digest.hexdigest()[:16]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import importlib
 import json
 import os
@@ -36,6 +35,7 @@ from workbench.studies.design import (
     scenes_of,
     thinning,
 )
+from workbench.studies.keys import hash_of, hash_of_code
 from workbench.studies.responses import GROUPS, require_groups
 from workbench.virtual import simulate_scene
 from workbench.virtual.scene import load_scene
@@ -242,8 +242,8 @@ class _Runner:
         self.folder = root / "data" / "studies" / study.name
         self.failed: dict[str, str] = {}
         self.spent: list[dict[str, Any]] = []
-        self.code = {verb: _hash_of_code(package) for verb, package in _CODE.items()}
-        self.code["responses"] = _hash_of_code("studies", "*responses*.py")
+        self.code = {verb: hash_of_code(package) for verb, package in _CODE.items()}
+        self.code["responses"] = hash_of_code("studies", "*responses*.py")
         self.started = time.monotonic()
         self.done_now = 0.0
         self.to_do = 0.0
@@ -306,7 +306,7 @@ class _Runner:
         return [photograph, cell.seed % photograph, strip, cell.seed % strip]
 
     def _step(self, verb: str, content: Mapping[str, Any], before: tuple[Path, ...]) -> _Step:
-        key = f"{verb}-{_hash(content)}"
+        key = f"{verb}-{hash_of(content)}"
         # Steps are shared between studies, so that "quick" and "full" do not render twice.
         return _Step(verb, key, self.root / "data" / "studies" / "steps" / key, before)
 
@@ -381,7 +381,7 @@ class _Runner:
 
     def _result(self, plan: list[_Step]) -> Path:
         groups = sorted(self.study.responses)
-        key = _hash([[step.key for step in plan], groups, self.code["responses"]])
+        key = hash_of([[step.key for step in plan], groups, self.code["responses"]])
         return self.folder / "cells" / f"{key}.json"
 
     def _read(self, plan: list[_Step]) -> dict[str, Any]:
@@ -595,17 +595,3 @@ def _without_places(value: Any) -> Any:
 def _plain(level: Any) -> Any:
     """Lists (of downscales, say) become one text, so that a level is one entry of a table."""
     return " ".join(map(str, level)) if isinstance(level, list | tuple) else level
-
-
-def _hash(content: Any) -> str:
-    text = json.dumps(content, sort_keys=True, default=str)
-    return hashlib.sha256(text.encode()).hexdigest()[:16]
-
-
-def _hash_of_code(package: str, pattern: str = "*.py") -> str:
-    """Hash of the source of a package: results of other code are other results."""
-    folder = Path(__file__).parents[1] / package
-    digest = hashlib.sha256()
-    for path in sorted(folder.rglob(pattern)):
-        digest.update(path.read_bytes())
-    return digest.hexdigest()[:16]
