@@ -20,8 +20,8 @@ from workbench.studies.repetitions import repeat_step
 from workbench.studies.reproducibility import NOT_COMPARED
 from workbench.virtual import simulate_scene
 
-# In clean photographs of open land every sample of matches leads to the same poses; coarse JPEG leaves doubtful
-# matches for chance to decide.
+# In clean photographs of open land every sample of matches leads to the same poses; coarse JPEG leaves
+# doubtful matches for chance to decide.
 PARAMETERS = Parameters(simulate={"truth_resolution": 0.16, "jpeg_quality": 40}, orient={"seed": 2})
 
 
