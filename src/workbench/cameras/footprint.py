@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import Protocol
 
 import cv2
-import numba
 import numpy as np
 import shapely
 import xarray as xr
@@ -14,6 +13,7 @@ from shapely.geometry.base import BaseGeometry
 
 from workbench.cameras.lens import Camera
 from workbench.cameras.pose import Pose
+from workbench.compiled import compiled
 from workbench.errors import CameraError
 from workbench.rasters import Grid
 
@@ -116,7 +116,7 @@ def _filled(heights: np.ndarray, name: str) -> np.ndarray:
     return heights[known][nearest - 1]
 
 
-@numba.njit(cache=True)
+@compiled()
 def _height(heights: np.ndarray, x: float, y: float) -> float:
     """Bilinear height at a place in cells from the upper left corner; constant beyond the border."""
     rows, columns = heights.shape
@@ -129,7 +129,7 @@ def _height(heights: np.ndarray, x: float, y: float) -> float:
     return upper * (1 - t) + lower * t
 
 
-@numba.njit(cache=True)
+@compiled()
 def _intersect(heights: np.ndarray, start: np.ndarray, steps: np.ndarray) -> np.ndarray:
     """First place (n, 2), in cells, where each ray meets the surface."""
     highest, lowest = heights.max(), heights.min()

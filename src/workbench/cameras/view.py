@@ -6,9 +6,9 @@ import math
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
-import numba
 import numpy as np
 
+from workbench.compiled import compiled
 from workbench.rasters import Grid
 
 if TYPE_CHECKING:
@@ -40,7 +40,7 @@ def view_table(photographs: Sequence[OrientedPhotograph], grid: Grid) -> np.ndar
     return table
 
 
-@numba.njit(cache=True, inline="always")
+@compiled(inline="always")
 def project(view: np.ndarray, x: float, y: float, z: float) -> tuple[float, float]:
     """Column and row of a point given relative to the grid's corner; NaN where it is not in the frame."""
     dx, dy, dz = x - view[0], y - view[1], z - view[2]

@@ -11,9 +11,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import numba
 import numpy as np
 
+from workbench.compiled import compiled
 from workbench.matching.simd import (
     LANES,
     add_to_sums,
@@ -165,7 +165,7 @@ def _workspace(columns: int, depth: int, paths: int) -> np.ndarray:
     return np.full(_PAD + (1 + 4 + 2 + row_paths * ring * columns + 1) * stride, _NEVER, np.uint8)
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@compiled(nogil=True, error_model="numpy")
 def _sweep(
     upward: bool,
     left_words: np.ndarray,
@@ -307,7 +307,7 @@ def _sweep(
                     flag[row - first, column] = INCONSISTENT
 
 
-@numba.njit(cache=True)
+@compiled()
 def _plans(columns: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Room for the plan of a row."""
     return (
@@ -317,7 +317,7 @@ def _plans(columns: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     )
 
 
-@numba.njit(cache=True, error_model="numpy")
+@compiled(error_model="numpy")
 def _plan_row(
     grey: np.ndarray,
     top: np.ndarray,
@@ -365,7 +365,7 @@ def _plan_row(
                 floors[group, column] |= minima[group, back, other] & (255 << shift)
 
 
-@numba.njit(cache=True)
+@compiled()
 def _predecessor(path: int) -> tuple[int, int]:
     """Rows and columns that a path comes from, against the direction of the sweep."""
     if path < 4:
@@ -375,7 +375,7 @@ def _predecessor(path: int) -> tuple[int, int]:
     return 2, (1 if path == 6 else -1)
 
 
-@numba.njit(cache=True)
+@compiled()
 def _copy_far(
     work: np.ndarray,
     grey: np.ndarray,
@@ -401,12 +401,12 @@ def _copy_far(
             work[scratch + k] = work[place + k + offset] if inside else np.uint8(_NEVER)
 
 
-@numba.njit(cache=True)
+@compiled()
 def _scratch(source: int, lane: int, stride: int) -> int:
     return source if source >= 0 else _PAD + (1 + lane) * stride
 
 
-@numba.njit(cache=True, error_model="numpy")
+@compiled(error_model="numpy")
 def _fit(low: int, centre: int, high: int) -> tuple[float, float]:
     """Second difference of three sums, and place of their minimum beside the middle, -0.5..0.5."""
     steeper = max(low, high) - centre

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import cv2
-import numba
 import numpy as np
+
+from workbench.compiled import compiled
 
 _REACH = {"census9x7": (3, 4), "census5x5": (2, 2)}
 BITS = 62
@@ -38,7 +39,7 @@ def census_scale(window: str) -> int:
     return 16 * BITS // comparisons
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled(nogil=True)
 def _census(padded: np.ndarray, reach_y: int, reach_x: int) -> np.ndarray:
     rows, columns = padded.shape[0] - 2 * reach_y, padded.shape[1] - 2 * reach_x
     words = np.zeros((rows, columns), np.uint64)

@@ -5,9 +5,9 @@ from __future__ import annotations
 import math
 
 import cv2
-import numba
 import numpy as np
 
+from workbench.compiled import compiled
 from workbench.matching.levels import common_extent
 from workbench.matching.rectify import Rectification
 from workbench.rasters import Grid
@@ -78,7 +78,7 @@ def _seen_window(
     return (rows, columns) if rows.start < rows.stop and columns.start < columns.stop else None
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled(nogil=True)
 def _first_hits(
     heights: np.ndarray,
     resolution: float,

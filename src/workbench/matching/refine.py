@@ -9,8 +9,9 @@ radiometric terms as in Ackermann's least-squares matching].
 from __future__ import annotations
 
 import cv2
-import numba
 import numpy as np
+
+from workbench.compiled import compiled
 
 _MEDIAN = 5
 _REACH = 3  # The window of least squares is 7 x 7.
@@ -61,7 +62,7 @@ def refine(
     _refine(left, right, smooth, trusted, rows.start, rows.stop, refined, correlation)
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@compiled(nogil=True, error_model="numpy")
 def _mean_of_surface(start: np.ndarray, trusted: np.ndarray) -> np.ndarray:
     rows, columns = start.shape
     result = start.copy()
@@ -85,7 +86,7 @@ def _mean_of_surface(start: np.ndarray, trusted: np.ndarray) -> np.ndarray:
     return result
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
+@compiled(nogil=True, error_model="numpy", fastmath={"contract"})
 def _refine(
     left: np.ndarray,
     right: np.ndarray,
@@ -126,7 +127,7 @@ def _refine(
         _solve(window, smooth[centre], refined[centre], correlation[centre])
 
 
-@numba.njit(cache=True, error_model="numpy", fastmath={"contract"})
+@compiled(error_model="numpy", fastmath={"contract"})
 def _products(
     left: np.ndarray, right: np.ndarray, smooth: np.ndarray, trusted: np.ndarray, terms: np.ndarray
 ) -> None:
@@ -162,7 +163,7 @@ def _products(
         terms[9, column] = own * own
 
 
-@numba.njit(cache=True, error_model="numpy", fastmath={"contract"})
+@compiled(error_model="numpy", fastmath={"contract"})
 def _solve(sums: np.ndarray, smooth: np.ndarray, refined: np.ndarray, correlation: np.ndarray) -> None:
     """Solve left = gain * right + shift * derivative + offset for every pixel of a row."""
     for column in range(len(smooth)):

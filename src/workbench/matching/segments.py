@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-import numba
 import numpy as np
 
+from workbench.compiled import compiled
 
-@numba.njit(cache=True, nogil=True)
+
+@compiled(nogil=True)
 def small_segments(disparity: np.ndarray, known: np.ndarray, least: int, step: float) -> np.ndarray:
     """Pixels of patches with fewer than ``least`` pixels, (rows, columns) bool.
 
@@ -48,7 +49,7 @@ def small_segments(disparity: np.ndarray, known: np.ndarray, least: int, step: f
     return small
 
 
-@numba.njit(cache=True)
+@compiled()
 def _root(parent: np.ndarray, node: int) -> int:
     while parent[node] != node:
         parent[node] = parent[parent[node]]

@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 
-import numba
 import numpy as np
 
 from workbench.cameras.view import view_table
+from workbench.compiled import compiled
 from workbench.errors import MosaicError
 from workbench.mosaic.rectify import rectify
 from workbench.mosaic.scratch import Scratch, Window
@@ -126,7 +126,7 @@ def heights_at(
     return _between(z, measured, y - top, x - left, _WALL * base.resolution)
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled(nogil=True)
 def _between(
     z: np.ndarray, measured: np.ndarray, y: np.ndarray, x: np.ndarray, wall: float
 ) -> tuple[np.ndarray, np.ndarray]:

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import math
 
-import numba
 import numpy as np
 
 from workbench.cameras.view import project
+from workbench.compiled import compiled
 
 
 def rectify(
@@ -56,7 +56,7 @@ def rectify(
     )
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled(nogil=True)
 def _rectify(
     image: np.ndarray,
     view: np.ndarray,

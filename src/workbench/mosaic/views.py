@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import math
 
-import numba
 import numpy as np
 
 from workbench.cameras.view import project
+from workbench.compiled import compiled
 
 NO_PHOTOGRAPH = 0
 """Value of ``source`` where no photograph shows the cell; photograph k of the list has value k + 1."""
@@ -83,7 +83,7 @@ def best_views(
     )
 
 
-@numba.njit(cache=True)
+@compiled()
 def _block_maxima(heights: np.ndarray) -> np.ndarray:
     rows, columns = heights.shape
     maxima = np.full(((rows + _SKIP - 1) // _SKIP, (columns + _SKIP - 1) // _SKIP), -np.inf)
@@ -95,7 +95,7 @@ def _block_maxima(heights: np.ndarray) -> np.ndarray:
     return maxima
 
 
-@numba.njit(cache=True)
+@compiled()
 def _hidden(
     heights: np.ndarray,
     maxima: np.ndarray,
@@ -141,7 +141,7 @@ def _hidden(
         count += 1.0
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled(nogil=True)
 def _best_views(
     heights: np.ndarray,
     maxima: np.ndarray,

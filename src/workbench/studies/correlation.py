@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from typing import Literal
 
-import numba
 import numpy as np
 
+from workbench.compiled import compiled
 from workbench.errors import StudyError
 
 Method = Literal["pearson", "spearman"]
@@ -56,7 +56,7 @@ def local_correlation(
     return _correlate(np.ascontiguousarray(a), np.ascontiguousarray(b), window // 2, method == "spearman")
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled(nogil=True)
 def _correlate(a: np.ndarray, b: np.ndarray, reach: int, ranked: bool) -> np.ndarray:
     rows, columns = a.shape
     size = (2 * reach + 1) ** 2
@@ -85,7 +85,7 @@ def _correlate(a: np.ndarray, b: np.ndarray, reach: int, ranked: bool) -> np.nda
     return result
 
 
-@numba.njit(cache=True, inline="always")
+@compiled(inline="always")
 def _pearson(x: np.ndarray, y: np.ndarray, count: int) -> float:
     """Two passes in float64: no cancellation, however large the values."""
     mean_x = mean_y = 0.0
@@ -110,7 +110,7 @@ def _pearson(x: np.ndarray, y: np.ndarray, count: int) -> float:
     return min(max(xy / np.sqrt(xx * yy), -1.0), 1.0)
 
 
-@numba.njit(cache=True)
+@compiled()
 def _rank(values: np.ndarray, ranks: np.ndarray, count: int) -> None:
     for k in range(count):
         below = equal = 0

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-import numba
 import numpy as np
 import xarray as xr
 
+from workbench.compiled import compiled
 from workbench.errors import SurfaceError
 from workbench.rasters import require_same_grid
 
@@ -109,7 +109,7 @@ def fuse_downscales(surfaces: Sequence[xr.DataArray], downscales: Sequence[int] 
     return fused if first.rio.crs is None else fused.rio.write_crs(first.rio.crs)
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled(nogil=True)
 def _fuse(
     heights: np.ndarray, confidence: np.ndarray, precision: np.ndarray, tolerance: float
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

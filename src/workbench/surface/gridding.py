@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import math
 
-import numba
 import numpy as np
 
+from workbench.compiled import compiled
 from workbench.matching.store import MatchedPair
 from workbench.rasters import Grid
 
@@ -96,7 +96,7 @@ def _seen(
     return (top, bottom), (left, right)
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled(nogil=True)
 def _rasterise(
     disparity: np.ndarray,
     confidence: np.ndarray,
@@ -161,7 +161,7 @@ def _rasterise(
             _fill(q, s, r, value, height, trust)
 
 
-@numba.njit(cache=True, inline="always")
+@compiled(inline="always")
 def _fill(
     p: np.ndarray, q: np.ndarray, r: np.ndarray, value: float, height: np.ndarray, trust: np.ndarray
 ) -> None:

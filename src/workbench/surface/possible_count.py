@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-import numba
 import numpy as np
 import xarray as xr
 
 from workbench.cameras import Camera
 from workbench.cameras.view import project, view_table
+from workbench.compiled import compiled
 from workbench.matching.levels import ground_height
 from workbench.matching.pairs import StereoPair, select_pairs
 from workbench.orientation import Block
@@ -91,7 +91,7 @@ def _outline(camera: Camera) -> np.ndarray:
     return np.concatenate([np.stack(side, axis=1) for side in sides]) * (camera.width, camera.height)
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled(nogil=True)
 def _count(
     heights: np.ndarray,
     table: np.ndarray,

@@ -7,11 +7,11 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import cv2
-import numba
 import numpy as np
 import scipy.fft
 import xarray as xr
 
+from workbench.compiled import compiled
 from workbench.errors import SurfaceError
 from workbench.params.bilateral import BilateralParameters
 from workbench.rasters import map_tiles
@@ -202,7 +202,7 @@ def _fields(
         yield blurred.real, blurred.imag
 
 
-@numba.njit(cache=True, nogil=True, parallel=False, fastmath=True)
+@compiled(nogil=True, parallel=False, fastmath=True)
 def _turn(heights: np.ndarray, mask: np.ndarray, frequency: float, field: np.ndarray) -> None:
     omega = np.float32(frequency)
     for row in range(heights.shape[0]):
@@ -211,7 +211,7 @@ def _turn(heights: np.ndarray, mask: np.ndarray, frequency: float, field: np.nda
             field[row, column] = mask[row, column] * complex(math.cos(angle), math.sin(angle))
 
 
-@numba.njit(cache=True, nogil=True, fastmath=True)
+@compiled(nogil=True, fastmath=True)
 def _add_term(
     heights: np.ndarray,
     real: np.ndarray,
@@ -231,7 +231,7 @@ def _add_term(
             slope[row, column] += slant * (cosine * imaginary[row, column] - sine * real[row, column])
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled(nogil=True)
 def _sum_directly(
     values: np.ndarray, cells: np.ndarray, kernel: np.ndarray, sigma: float, result: np.ndarray
 ) -> None:

@@ -8,12 +8,12 @@ import sys
 from collections.abc import Callable, Iterator
 
 import CSF
-import numba
 import numpy as np
 import xarray as xr
 from rasterio.warp import transform
 from scipy.interpolate import LinearNDInterpolator, NearestNDInterpolator
 
+from workbench.compiled import compiled
 from workbench.errors import SurfaceError
 from workbench.params import SurfaceParameters
 from workbench.rasters import Grid, match_grid, new_raster, require_heights
@@ -222,7 +222,7 @@ def _between_nodes(values: np.ndarray, down: np.ndarray, across: np.ndarray) -> 
     return upper * (1 - weight_y) + lower * weight_y
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled(nogil=True)
 def _bilinear(
     values: np.ndarray,
     rows: np.ndarray,

@@ -11,9 +11,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
-import numba
 import numpy as np
 
+from workbench.compiled import compiled
 from workbench.errors import TreesError
 from workbench.params import TreesParameters
 
@@ -112,7 +112,7 @@ class Reach:
     """Ways from the top may be this much longer than the radius, in steps: they bend but do not wander."""
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled(nogil=True)
 def _falls_within(smooth: np.ndarray, low: float, high: float) -> np.ndarray:
     rows, columns = smooth.shape
     result = np.zeros(smooth.shape, np.uint8)
@@ -131,7 +131,7 @@ def _falls_within(smooth: np.ndarray, low: float, high: float) -> np.ndarray:
     return result
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled(nogil=True)
 def _changes_at_most(layer: np.ndarray, largest: float) -> np.ndarray:
     rows, columns = layer.shape
     result = np.zeros(layer.shape, np.uint8)
@@ -148,7 +148,7 @@ def _changes_at_most(layer: np.ndarray, largest: float) -> np.ndarray:
     return result
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled(nogil=True)
 def steps_into(good: np.ndarray) -> np.ndarray:
     """Steps (rows, columns) uint8 that end in a good cell."""
     rows, columns = good.shape

@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-import numba
 import numpy as np
 
+from workbench.compiled import compiled
 from workbench.trees.criteria import DIRECTIONS, SECTORS
 
 _LEVEL = 255
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled(nogil=True)
 def grow(
     steps: np.ndarray,
     surface: np.ndarray,
@@ -107,7 +107,7 @@ def grow(
     return owner
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled(nogil=True)
 def _turn(sector: int, down: int, right: int) -> int:
     """Difference in sectors between an aspect and the direction of an offset; level ground has none."""
     if sector == _LEVEL:
@@ -117,7 +117,7 @@ def _turn(sector: int, down: int, right: int) -> int:
     return min(difference, SECTORS - difference)
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled(nogil=True)
 def trim(owner: np.ndarray, top_rows: np.ndarray, top_columns: np.ndarray, largest: int) -> None:
     """Leave every crown its ``largest`` cells nearest to the top (of equals the northern), in place."""
     n = len(top_rows)

@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
-import numba
 import numpy as np
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
+from workbench.compiled import compiled
+
 MISSING = np.float32(-np.inf)
 """Stands for missing cells: it exceeds nothing and nothing is sought there."""
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled(nogil=True)
 def summits(surface: np.ndarray, lowest: float, rows: tuple, columns: tuple) -> np.ndarray:
     """Flat places of the cells from ``lowest`` up that none of their four neighbours exceeds.
 
@@ -64,7 +65,7 @@ def disc(radius: float) -> np.ndarray:
     return offsets[np.lexsort((offsets[:, 1], offsets[:, 0], offsets[:, 2]))].astype(np.int32)
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled(nogil=True)
 def exceeded_by_none(
     surface: np.ndarray, places: np.ndarray, squared_radii: np.ndarray, offsets: np.ndarray
 ) -> np.ndarray:
@@ -122,7 +123,7 @@ def exceeded_by_none(
     return kept
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled(nogil=True)
 def _exceeds_in_disc(surface: np.ndarray, i: int, j: int, z: float, limit: float, offsets: np.ndarray) -> int:
     height, width = surface.shape
     for k in range(len(offsets)):
@@ -134,7 +135,7 @@ def _exceeds_in_disc(surface: np.ndarray, i: int, j: int, z: float, limit: float
     return -1
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled(nogil=True)
 def _corners(squared_radius: float) -> tuple[np.ndarray, np.ndarray]:
     """Offsets of the cells of a disc that neither the same disc one row up nor one column left holds."""
     reach = int(np.sqrt(squared_radius))
@@ -148,7 +149,7 @@ def _corners(squared_radius: float) -> tuple[np.ndarray, np.ndarray]:
     return rows[:n], columns[:n]
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled(nogil=True)
 def _exceeds_at(surface: np.ndarray, i: int, j: int, z: float, rows: np.ndarray, columns: np.ndarray) -> int:
     height, width = surface.shape
     for k in range(len(rows)):
@@ -158,7 +159,7 @@ def _exceeds_at(surface: np.ndarray, i: int, j: int, z: float, rows: np.ndarray,
     return -1
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled(nogil=True)
 def on_edge(places: np.ndarray, width: int, rows: tuple, columns: tuple) -> np.ndarray:
     """Numbers of the places in the first or last of the rows or columns (start, stop)."""
     found = np.zeros(len(places), np.bool_)
@@ -168,7 +169,7 @@ def on_edge(places: np.ndarray, width: int, rows: tuple, columns: tuple) -> np.n
     return np.flatnonzero(found)
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled(nogil=True)
 def plateaus(surface_values: np.ndarray, places: np.ndarray, width: int) -> np.ndarray:
     """Number (n,) of the first place of the plateau of each: equal neighbours (of eight) belong together.
 
@@ -201,7 +202,7 @@ def plateaus(surface_values: np.ndarray, places: np.ndarray, width: int) -> np.n
     return parent
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled(nogil=True)
 def _join(parent: np.ndarray, values: np.ndarray, a: int, b: int) -> None:
     if values[a] != values[b]:
         return
@@ -212,7 +213,7 @@ def _join(parent: np.ndarray, values: np.ndarray, a: int, b: int) -> None:
         parent[a] = b
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled(nogil=True)
 def _root(parent: np.ndarray, k: int) -> int:
     while parent[k] != k:
         parent[k] = parent[parent[k]]
@@ -220,7 +221,7 @@ def _root(parent: np.ndarray, k: int) -> int:
     return k
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled(nogil=True)
 def radial_prominence(
     surface: np.ndarray, rows: np.ndarray, columns: np.ndarray, reach: np.ndarray
 ) -> np.ndarray:

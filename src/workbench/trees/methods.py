@@ -6,10 +6,10 @@ import math
 from dataclasses import dataclass, field
 from typing import Protocol
 
-import numba
 import numpy as np
 from skimage.segmentation import watershed
 
+from workbench.compiled import compiled
 from workbench.errors import TreesError
 from workbench.params import TreesParameters
 from workbench.trees.criteria import Ground, Reach, Slope, StepCriterion, aspect_sectors, combined
@@ -188,7 +188,7 @@ class Dalponte:
         return np.where(owner >= 0, order[owner], -1).astype(np.int32)
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled(nogil=True)
 def _dalponte(
     surface: np.ndarray,
     top_rows: np.ndarray,

@@ -5,10 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import dask
-import numba
 import numpy as np
 import xarray as xr
 
+from workbench.compiled import compiled
 from workbench.rasters import Grid, Tile, tiles
 from workbench.trees.maxima import MISSING
 
@@ -135,7 +135,7 @@ class CutSurface:
         return max(float(height.max()), 0.0)
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled(nogil=True)
 def _cut(values: np.ndarray, above: np.ndarray, mask: np.ndarray, least: float) -> np.ndarray:
     """Values where the height is enough (NaN and infinity are not) and the mask true; else missing."""
     rows, columns = values.shape
@@ -152,7 +152,7 @@ def _average(values: np.ndarray, factor: int) -> np.ndarray:
     return values if factor == 1 else _block_mean(values, factor)
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled(nogil=True)
 def _block_mean(values: np.ndarray, factor: int) -> np.ndarray:
     """Mean of the cells that are there, in squares of ``factor`` cells."""
     rows, columns = values.shape
@@ -170,7 +170,7 @@ def _block_mean(values: np.ndarray, factor: int) -> np.ndarray:
     return result
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled(nogil=True)
 def _highest_within(
     values: np.ndarray, rows: np.ndarray, columns: np.ndarray, factor: int
 ) -> tuple[np.ndarray, np.ndarray]:
