@@ -1,7 +1,8 @@
 """Surface texture: square tiles of fine structure with their averages over 2, 4, 8 ... texels.
 
 A tile repeats, but no surface shows it alone: the renderer adds one tile at three incommensurate scales
-and directions, and bends the coordinates of the finest. Sampling at the level whose texels are as wide
+and directions, and bends the coordinates of the finer ones, so that no piece of ground has a twin that
+photographs could be matched with. Sampling at the level whose texels are as wide
 as a subpixel makes a coarse photograph the average of a fine one.
 """
 
@@ -58,6 +59,13 @@ def sample(textures, tile, x, y, texel, level):
     if level >= _LEVELS - 1.5:
         return np.float32(0)
     return _sample_level(textures, tile, x, y, texel, max(int(level + np.float32(0.5)), 0))
+
+
+@inner
+def wander(textures, x, y):
+    """Slow bend of coordinates, m: by metres between repetitions of a tile, by less than half within ten."""
+    u, v = x * np.float32(0.39) + y * np.float32(0.92), y * np.float32(0.39) - x * np.float32(0.92)
+    return np.float32(2) * _sample_level(textures, NOISE, u, v, np.float32(0.31), 4)
 
 
 @inner
