@@ -10,7 +10,7 @@ import numpy as np
 from workbench.virtual.compiled import inner, kernel
 from workbench.virtual.noise import bilinear, hash2, hash3, uniform
 from workbench.virtual.solids import GLASS, ROOF_FLAT, ROOF_TILES, STONE
-from workbench.virtual.texture import ASPHALT, GRASS, GRAVEL, LITTER, NOISE, TEXEL, level_of, sample, wander
+from workbench.virtual.texture import ASPHALT, GRASS, GRAVEL, LITTER, NOISE, TEXEL, level_of, mottle, sample
 from workbench.virtual.world import Cover
 
 _BLOCK = 16
@@ -204,14 +204,12 @@ def ground_colour(textures, cover, x, y, level, out):
     ``level`` is that of the finest; those of the coarser scales follow from the ratio of their texels to
     the finest, log2.
     """
-    # Bent coordinates: no tile but the largest, of 317 m, repeats exactly.
+    # Bent coordinates: the finest tile repeats nowhere exactly.
     big_level, mid_level, fine_level = level - np.float32(6.276), level - np.float32(3.209), level
-    bend = wander(textures, x, y)
-    xb, yb = x + bend, y - bend
-    xr, yr = xb * np.float32(0.8) - yb * np.float32(0.6), xb * np.float32(0.6) + yb * np.float32(0.8)
+    xr, yr = x * np.float32(0.8) - y * np.float32(0.6), x * np.float32(0.6) + y * np.float32(0.8)
     xs, ys = x * np.float32(0.39) + y * np.float32(0.92), y * np.float32(0.39) - x * np.float32(0.92)
     big = sample(textures, NOISE, xs, ys, np.float32(0.31), big_level)
-    mid = sample(textures, NOISE, xr, yr, np.float32(0.037), mid_level)
+    mid = mottle(textures, xr, yr, np.float32(0.037), mid_level)
     xf, yf = x + np.float32(0.5) * big, y - np.float32(0.5) * big
     one = np.float32(1)
     if cover == Cover.ROAD.value:
@@ -234,7 +232,7 @@ def ground_colour(textures, cover, x, y, level, out):
     else:
         fine = sample(textures, GRASS, xf, yf, np.float32(TEXEL), fine_level)
         # Tufts: the same blades at three times the size, in another direction.
-        tuft = sample(textures, GRASS, yr, xr, np.float32(0.0131), level - np.float32(1.711))
+        tuft = sample(textures, GRASS, yr + big, xr - big, np.float32(0.0131), level - np.float32(1.711))
         dry = min(max(np.float32(0.22) * big + np.float32(0.16) * mid + np.float32(0.06), np.float32(0)), one)
         weed = min(max(np.float32(0.5) * mid - np.float32(0.45) * big - np.float32(0.45), np.float32(0)), one)
         value = one + np.float32(0.24) * fine + np.float32(0.12) * tuft + np.float32(0.07) * mid

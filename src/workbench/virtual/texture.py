@@ -1,7 +1,7 @@
 """Surface texture: square tiles of fine structure with their averages over 2, 4, 8 ... texels.
 
 A tile repeats, but no surface shows it alone: the renderer adds one tile at three incommensurate scales
-and directions, and bends the coordinates of the finer ones, so that no piece of ground has a twin that
+and directions, and bends the coordinates of the finest, so that no piece of ground has a twin that
 photographs could be matched with. Sampling at the level whose texels are as wide
 as a subpixel makes a coarse photograph the average of a fine one.
 """
@@ -62,10 +62,11 @@ def sample(textures, tile, x, y, texel, level):
 
 
 @inner
-def wander(textures, x, y):
-    """Slow bend of coordinates, m: by metres between repetitions of a tile, by less than half within ten."""
-    u, v = x * np.float32(0.39) + y * np.float32(0.92), y * np.float32(0.39) - x * np.float32(0.92)
-    return np.float32(2) * _sample_level(textures, NOISE, u, v, np.float32(0.31), 4)
+def mottle(textures, x, y, texel, level):
+    """Noise as the mean of two tiles of other sizes and directions: where one repeats, the other does not."""
+    u, v = x * np.float32(0.28) - y * np.float32(0.96), y * np.float32(0.28) + x * np.float32(0.96)
+    other = sample(textures, NOISE, u, v, texel * np.float32(0.7937), level + np.float32(0.3333))
+    return np.float32(0.7071) * (sample(textures, NOISE, x, y, texel, level) + other)
 
 
 @inner

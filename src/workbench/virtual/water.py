@@ -13,7 +13,7 @@ import numpy as np
 
 from workbench.virtual.compiled import inner
 from workbench.virtual.noise import bilinear
-from workbench.virtual.texture import GRAVEL, NOISE, WAVE_EAST, WAVE_NORTH, level_of, sample, wander
+from workbench.virtual.texture import GRAVEL, NOISE, WAVE_EAST, WAVE_NORTH, level_of, mottle, sample
 from workbench.virtual.wind import Wind
 
 _FINE_TEXEL, _COARSE_TEXEL = np.float32(0.011), np.float32(0.043)
@@ -77,12 +77,10 @@ def shade_water(world, light, textures, waves, x, y, view, footprint, sunlit, ou
     column = (x - world.terrain.west) / world.terrain.step
     row = (y - world.terrain.south) / world.terrain.step
     depth = max(np.float32(world.water_level) - bilinear(world.terrain.height, column, row), np.float32(0))
-    bend = wander(textures, x, y)
-    xb, yb = x + bend, y - bend
     stones = sample(
-        textures, GRAVEL, xb + sx, yb + sy, np.float32(0.012), level_of(footprint, np.float32(0.012))
+        textures, GRAVEL, x + sx, y + sy, np.float32(0.012), level_of(footprint, np.float32(0.012))
     )
-    weed = sample(textures, NOISE, xb, yb, np.float32(0.025), level_of(footprint, np.float32(0.025)))
+    weed = mottle(textures, x, y, np.float32(0.025), level_of(footprint, np.float32(0.025)))
     bed = max(np.float32(1) + np.float32(0.12) * stones + np.float32(0.25) * weed, np.float32(0.15))
     for band in range(4):
         through = math.exp(-np.float32(2.1) * _ATTENUATION[band] * depth)
