@@ -29,6 +29,7 @@ from workbench.rasters import Grid, RasterWriter
 from workbench.surface.filling import FilledHeights, fill_heights
 
 _TILE = 1024
+_SAME_STATION = 0.01
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,7 +94,13 @@ def make_orthophoto(
     heights = fill_heights(surface)
     grid = _orthophoto_grid(block, heights, parameters)
     previews, coarse = _previews(block, heights, grid, parameters)
-    labels = find_seams(previews, coarse.shape, method=parameters.seams, band=parameters.seam_band)
+    labels = find_seams(
+        previews,
+        coarse.shape,
+        base_ratio=base_height_ratio(block, float(np.median(heights.coarse))),
+        method=parameters.seams,
+        band=parameters.seam_band,
+    )
     seamlines = seamline_polygons(labels, coarse, block.photographs)
     sample = read_photograph(block.photographs[0].path, downscale=8)
     gains = np.ones((len(block), sample.shape[-1]))
@@ -123,6 +130,19 @@ def ground_sampling_distances(block: Block, height: float) -> np.ndarray:
             for photograph in block
         ]
     )
+
+
+def base_height_ratio(block: Block, height: float) -> float:
+    """Median distance to the nearest other station over the height above ground; 1 without another.
+
+    Cameras of one rig share a station: what lies within a hundredth of the height is the same one.
+    """
+    stations = np.array([photograph.pose.centre for photograph in block])
+    above = max(float(np.median(stations[:, 2])) - height, 1e-6)
+    apart = np.hypot(*(stations[:, None, :2] - stations[None, :, :2]).transpose(2, 0, 1)) / above
+    apart[apart < _SAME_STATION] = np.inf
+    nearest = apart.min(axis=1)
+    return float(np.median(nearest[np.isfinite(nearest)])) if np.isfinite(nearest).any() else 1.0
 
 
 def _orthophoto_grid(block: Block, heights: FilledHeights, parameters: MosaicParameters) -> Grid:

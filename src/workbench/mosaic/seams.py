@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import cv2
 import geopandas as gpd
 import numpy as np
 import rasterio.features
 from shapely.geometry import shape
+from skimage.segmentation import watershed
 
 from workbench.errors import MosaicError
 from workbench.mosaic.rectify import rectify
@@ -19,6 +19,7 @@ from workbench.params import MosaicParameters
 from workbench.rasters import Grid
 
 _DEFAULTS = MosaicParameters()
+_BLUR = 1.0  # Coarse cells.
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,30 +65,52 @@ def find_seams(
     previews: Sequence[Preview],
     shape: tuple[int, int],
     *,
+    base_ratio: float,
     method: str = _DEFAULTS.seams,
     band: float = _DEFAULTS.seam_band,
 ) -> np.ndarray:
     """Preferred photograph of every coarse cell.
 
-    ``best-view`` takes the smallest angle from the vertical. ``shortest-path`` lets a seam wander
-    where neighbours look alike, within the band in which their views are about equally good
-    (OpenCV's dynamic-programming seam finder on colour and gradient).
+    ``best-view`` takes the smallest angle from the vertical. ``low-difference`` starts from the same
+    borders and lets a seam leave them where the two best views look different, to go around a crown or a
+    roof: labels flood from the cells whose best view is better by more than the band (a watershed, as
+    Soille (2006) composes images), and meet on the ridge of ``-(d / c)^2 - (g / b)^2``. d is the
+    difference of the two best views in colour, c the contrast of the mosaic, g the difference of their
+    tangents, b the band. Where nothing stands in the way the second term alone decides, so that a seam
+    over grass stays on the border of the best view, and with it wherever that is in the next computation.
+
+    Parameters
+    ----------
+    base_ratio
+        Distance to the nearest other station over the flying height, the median of the block.
+    band
+        How much more slanted than the best view another may be, in parts of ``base_ratio``.
 
     Returns
     -------
     ndarray of uint16 (rows, columns)
         Index of the photograph plus one; 0 where there is none.
     """
-    best = np.full(shape, np.inf, np.float32)
     labels = np.zeros(shape, np.uint16)
+    best, second = (np.full(shape, np.inf, np.float32) for _ in range(2))
+    bands = previews[0].colours.shape[-1] if previews else 1
+    colours, others = (np.full((*shape, bands), np.nan, np.float32) for _ in range(2))
     for view in previews:
         window = (view.rows, view.columns)
         better = view.tangent < best[window]
-        best[window][better] = view.tangent[better]
+        next_best = ~better & (view.tangent < second[window])
+        second[window][better], others[window][better] = best[window][better], colours[window][better]
+        second[window][next_best], others[window][next_best] = (
+            view.tangent[next_best],
+            view.colours[next_best],
+        )
+        best[window][better], colours[window][better] = view.tangent[better], view.colours[better]
         labels[window][better] = view.index + 1
-    if method == "shortest-path" and len(previews) > 1:
-        _cut(previews, best, labels, band)
-    return labels
+    if method == "best-view" or len(previews) < 2:
+        return labels
+    with np.errstate(invalid="ignore"):  # inf - inf where nobody looks
+        slant = np.nan_to_num((second - best) / (band * base_ratio), nan=np.inf, posinf=np.inf)
+    return _flood(labels, slant, _difference(colours, others))
 
 
 def seamline_polygons(
@@ -116,26 +139,25 @@ def seamline_polygons(
     )
 
 
-def _cut(previews: Sequence[Preview], best: np.ndarray, labels: np.ndarray, band: float) -> None:
-    images, corners, masks, chosen = [], [], [], []
-    for view in previews:
-        usable = np.isfinite(view.tangent) & (view.tangent <= best[view.rows, view.columns] + band)
-        rows, columns = np.flatnonzero(usable.any(1)), np.flatnonzero(usable.any(0))
-        if not len(rows):
-            continue
-        part = np.s_[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1]
-        top, left = view.rows.start + int(rows[0]), view.columns.start + int(columns[0])
-        colours = np.nan_to_num(view.colours[part][..., :3])
-        if colours.shape[-1] < 3:
-            colours = np.repeat(colours[..., :1], 3, axis=-1)
-        images.append(np.ascontiguousarray(colours, dtype=np.float32))
-        masks.append(np.ascontiguousarray(usable[part], dtype=np.uint8) * 255)
-        corners.append((left, top))
-        chosen.append(view.index)
-    finder: Any = cv2.detail.DpSeamFinder("COLOR_GRAD")  # the stubs know only wrapped arrays
-    for index, (left, top), mask in zip(chosen, corners, finder.find(images, corners, masks), strict=True):
-        keep = np.asarray(mask.get() if isinstance(mask, cv2.UMat) else mask) > 0
-        labels[top : top + keep.shape[0], left : left + keep.shape[1]][keep] = index + 1
+def _difference(colours: np.ndarray, others: np.ndarray) -> np.ndarray:
+    """Difference (rows, columns) of two views, 1 for the contrast of the mosaic; 0 where one is missing."""
+    known = np.isfinite(colours).all(axis=-1) & np.isfinite(others).all(axis=-1)
+    if not known.any():
+        return np.zeros(known.shape, np.float32)
+    contrast = max(float(np.std(colours[known], axis=0).mean()), 1e-6)
+    length = np.sqrt(np.mean(np.square(np.where(known[..., None], colours - others, 0)), axis=-1)) / contrast
+    # A cell or two around what differs keep a seam off its rim, and smooth the noise of single cells.
+    return cv2.GaussianBlur(length.astype(np.float32), (0, 0), _BLUR)
+
+
+def _flood(labels: np.ndarray, slant: np.ndarray, difference: np.ndarray) -> np.ndarray:
+    """Labels grown from where the best view is beyond doubt, over the ridges between them."""
+    ridge = -np.square(difference) - np.square(np.minimum(slant, 1.0))
+    seeds = np.where(slant >= 1, labels, 0).astype(np.int32)
+    if not seeds.any():
+        return labels
+    grown = watershed(ridge, seeds, mask=labels > 0).astype(np.uint16)
+    return np.where(grown > 0, grown, labels)
 
 
 def _reach(view: np.ndarray, heights: np.ndarray, grid: Grid) -> tuple[slice, slice]:

@@ -51,11 +51,11 @@ class MosaicParameters(Section):
         ge=0,
         le=100,
     )
-    seams: Literal["shortest-path", "best-view"] = parameter(
-        "shortest-path",
-        "Seamlines through low difference between neighbours, or where the better view changes.",
+    seams: Literal["low-difference", "best-view"] = parameter(
+        "low-difference",
+        "Seamlines around what looks different in neighbours, or just where the better view changes.",
         unit="-",
-        source="thesis 2.3.1.2; best-view is the plain rule of smallest angle",
+        source="thesis 2.3.1.2; Soille 2006; best-view is the plain rule of smallest angle",
     )
     seam_cell: int = parameter(
         8,
@@ -66,11 +66,11 @@ class MosaicParameters(Section):
         le=64,
     )
     seam_band: float = parameter(
-        0.15,
+        0.25,
         "A seam may stay with a photograph whose view is this much more slanted than the best one.",
-        unit="tangent of the angle from the vertical",
-        source="about half of the base-height ratio of 0.3 of common drone flights",
-        ge=0,
+        unit="tangent of the angle from the vertical, in parts of the base-height ratio of neighbours",
+        source="halfway to the next station the views are alike; a quarter leaves each photograph its middle",
+        gt=0,
         le=2,
     )
     balance: bool = parameter(
