@@ -152,6 +152,62 @@ def test_prominence_is_the_descent_to_the_saddle():
     assert len(find_tops(surface, radius=2.0, working_resolution=None, min_prominence=low + 0.1)) == 1
 
 
+def persistence(values):
+    """Prominence of every cell by definition: cells join from the highest down, lower summits end there."""
+    parent, result = {}, np.zeros(values.shape)
+
+    def root(cell):
+        while parent[cell] != cell:
+            cell = parent[cell]
+        return cell
+
+    for cell in sorted(np.ndindex(values.shape), key=lambda c: -values[c]):
+        parent[cell] = cell
+        for step in np.ndindex(3, 3):
+            other = cell[0] + step[0] - 1, cell[1] + step[1] - 1
+            if other in parent:
+                a, b = sorted((root(other), root(cell)), key=lambda c: values[c])
+                if a != b:
+                    result[a], parent[a] = values[a] - values[cell], b
+    result[root(cell)] = np.inf
+    return result
+
+
+@pytest.mark.parametrize("least", [0.1, 0.7, 3.0])
+def test_least_prominence_is_exact_on_winding_ways(least):
+    values = rough(5, (40, 60), holes=0.0)
+    options = {"radius": 1.5, "working_resolution": None, "min_height": 1e-3}
+    tops = find_tops(raster(values, 0.1), **{**options, "radius": 0.15}, min_prominence=least)
+    every = find_tops(raster(values, 0.1), **{**options, "radius": 0.15})
+    true = persistence(values)
+    expected = {place for place in places(every) if true[place] >= least}
+    assert places(tops) == expected
+    assert 1 <= len(tops) < len(every)
+
+
+def test_prominence_by_tiles_and_as_a_share_of_the_height():
+    values = rough(11, (200, 170), holes=0.0)
+    surface = raster(values, 0.5)
+    options = {"radius": 0.8, "working_resolution": None, "prominence_share": 0.1}
+    tops = find_tops(surface, **options)
+    assert tops.equals(find_tops(surface, tile_size=64, **options))
+    every = find_tops(surface, **{**options, "prominence_share": 0.0})
+    true = persistence(values)
+    needed = 0.1 * every["height_m"] - 0.75
+    kept = true[every["row"], every["column"]] >= needed
+    assert places(tops) == places(every[kept])
+    assert 0 < len(tops) < len(every)
+
+
+def test_a_disc_that_is_asked_for_keeps_all_its_maxima():
+    surface = ellipsoids([(5.0, 5.0, 20.0, 3.0)], 10)
+    around = surface.values[23:26, 31:34]
+    surface.values[24, 32] = around.max() + 0.2  # A branch 1.5 m from the top.
+    assert len(find_tops(surface, radius=0.3)) == 2
+    assert len(find_tops(surface, radius=0.3, prominence_share=0.05)) == 1
+    assert len(find_tops(surface)) == 1
+
+
 def test_terrain_moves_no_top_and_heights_are_above_it():
     flat = cones([(5.0, 5.0, 10.0, 2.5), (12.0, 9.0, 14.0, 2.5)], 16, 0.1)
     slope = flat.copy(data=np.broadcast_to(400 + 0.3 * flat.x.values, flat.shape).astype(np.float32))

@@ -90,10 +90,10 @@ class TreesParameters(Section):
         le=20,
     )
     window_growth: float = parameter(
-        0.07,
+        0.05,
         "Growth of the radius with height.",
         unit="m/m",
-        source="as window_start; 1.4 m at 20 m",
+        source="as window_start; 1 m at 20 m",
         ge=0,
         le=1,
     )
@@ -113,14 +113,23 @@ class TreesParameters(Section):
     )
     min_prominence: float = parameter(
         0.0,
-        "Tops that rise less above their saddle are dropped.",
+        "Tops from which one descends less to anything higher are dropped.",
         unit="m",
-        source="none by default: thesis keeps all",
+        source="none by default: the share of the height holds",
         ge=0,
         le=50,
     )
+    prominence_share: float = parameter(
+        0.05,
+        "As min_prominence, as a share of the height of the top, less 1.5 working cells.",
+        unit="m/m",
+        source="branches of a crown are no trees; virtual stands of other seeds than those judged "
+        "(docs/trees.md). The thesis lists none",
+        ge=0,
+        le=1,
+    )
     conifer_start: float = parameter(
-        0.3,
+        0.0,
         "As window_start, in stands of type conifer.",
         unit="m",
         source="virtual stands of other seeds than those judged (docs/trees.md)",

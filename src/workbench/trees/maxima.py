@@ -222,6 +222,61 @@ def _root(parent: np.ndarray, k: int) -> int:
 
 
 @compiled(nogil=True)
+def stand_out(
+    surface: np.ndarray, rows: np.ndarray, columns: np.ndarray, depths: np.ndarray, reach: int
+) -> np.ndarray:
+    """Which tops one cannot leave for anything higher without descending at least their depth.
+
+    Ways may wind over the eight neighbours, within a square of ``reach`` cells around the top. Unlike
+    :func:`radial_prominence` this is exact, and it stops as soon as the answer is known.
+
+    Parameters
+    ----------
+    surface
+        (rows, columns) float32, :data:`MISSING` where there is nothing.
+    rows, columns
+        (n,) places of the tops.
+    depths
+        (n,) least descent, metres; 0 or less: the top stays.
+    reach
+        Cells.
+
+    Returns
+    -------
+    ndarray
+        (n,) bool.
+    """
+    height, width = surface.shape
+    edge = 2 * reach + 1
+    seen = np.zeros(edge * edge, np.int64)
+    stack = np.empty(edge * edge, np.int64)
+    result = np.ones(len(rows), np.bool_)
+    for n in range(len(rows)):
+        if not depths[n] > 0:
+            continue
+        top, left = rows[n] - reach, columns[n] - reach
+        z = surface[rows[n], columns[n]]
+        least = z - depths[n]
+        stack[0] = reach * edge + reach
+        seen[stack[0]] = n + 1
+        size = 1
+        while size > 0 and result[n]:
+            size -= 1
+            i, j = stack[size] // edge, stack[size] % edge
+            for y in range(max(i - 1, 0, -top), min(i + 2, edge, height - top)):
+                for x in range(max(j - 1, 0, -left), min(j + 2, edge, width - left)):
+                    value = surface[top + y, left + x]
+                    # A descent of exactly the depth is enough.
+                    if value > least and seen[y * edge + x] != n + 1:
+                        seen[y * edge + x] = n + 1
+                        stack[size] = y * edge + x
+                        size += 1
+                        if value > z:
+                            result[n] = False
+    return result
+
+
+@compiled(nogil=True)
 def radial_prominence(
     surface: np.ndarray, rows: np.ndarray, columns: np.ndarray, reach: np.ndarray
 ) -> np.ndarray:

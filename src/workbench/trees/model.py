@@ -33,7 +33,15 @@ _CONIFER, _BROADLEAF = "conifer", "broadleaf"
 _MASK = ("min_height", "mask_index", "min_ndvi", "min_gli", "mask_close", "mask_open", "mask_min_area")
 _WINDOW = ("radius", "window_start", "window_growth", "window_smallest", "window_largest")
 _STAND_WINDOW = ("conifer_start", "conifer_growth", "broadleaf_start", "broadleaf_growth")
-_SEARCH = (*_MASK, *_WINDOW, *_STAND_WINDOW, "working_resolution", "spacing", "min_prominence")
+_SEARCH = (
+    *_MASK,
+    *_WINDOW,
+    *_STAND_WINDOW,
+    "working_resolution",
+    "spacing",
+    "min_prominence",
+    "prominence_share",
+)
 _SMOOTHING = ("working_resolution", "smoothing_size", "smoothing_sigma")
 
 
@@ -90,6 +98,7 @@ class TreeModel:
                 working_resolution=options.working_resolution,
                 spacing=options.spacing,
                 min_prominence=options.min_prominence,
+                prominence_share=options.prominence_share,
                 tile_size=options.tile_size,
             ),
         )

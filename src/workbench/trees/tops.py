@@ -20,7 +20,11 @@ from workbench.trees.working import CutSurface, Part, WorkingGrid
 _DEFAULTS = TreesParameters()
 _LOWEST = -1e30
 _WIDER = 1 + 1e-9  # 0.3 m are three cells of 0.1 m, whatever binary fractions say.
-_REACH = 2.0  # Prominence looks twice as far as the search disc: to the next crowns.
+_REACH = 2.0  # The measure of prominence looks twice as far as the search disc: to the next crowns.
+_FAR = _DEFAULTS.max_diameter / 2  # Two tops of one tree are seldom farther from each other, metres.
+_HIDDEN_CELLS = 1.5  # What cells hide of a saddle: between flanks of 45 degrees about their diagonal.
+PROMINENCE_SHARE = _DEFAULTS.prominence_share
+"""Least prominence of a top as a share of its height, where no disc is asked for (docs/trees.md)."""
 INTERPOLATED = 255
 """Value of a provenance raster where a height was not measured."""
 
@@ -31,7 +35,7 @@ class TopSearch:
 
     maxima: gpd.GeoDataFrame
     """Step 3: all local maxima, columns as the tops, and ``multiple`` (step 4: another maximum is nearer
-    than the spacing) and ``kept`` (step 5: the highest of those, and prominent enough)."""
+    than the spacing) and ``kept`` (prominent enough, and in step 5 the highest of those)."""
     resolution: float
     """Step 2: cell of the surface that was searched, metres."""
 
@@ -62,6 +66,7 @@ def find_tops(
     working_resolution: float | None = _DEFAULTS.working_resolution,
     spacing: float | None = _DEFAULTS.spacing,
     min_prominence: float = _DEFAULTS.min_prominence,
+    prominence_share: float | None = None,
     tile_size: int = _DEFAULTS.tile_size,
 ) -> gpd.GeoDataFrame:
     """Find one top per tree [thesis 3.3.2].
@@ -98,7 +103,13 @@ def find_tops(
     spacing
         Least distance of two tops, metres; None: that of the search disc.
     min_prominence
-        Least prominence, metres.
+        Least prominence, metres: how far one must descend from a top on any way to something higher,
+        within 7 m (half of the largest crown).
+    prominence_share
+        Least prominence as a share of the height of the top, less one and a half cells of the working
+        grid, which hide that much of a saddle; the larger of both holds. None: :data:`PROMINENCE_SHARE` if
+        ``radius`` is None too, so that branches of a crown are not taken for trees; else 0, so that all
+        maxima in the disc that was asked for are tops.
     tile_size
         Edge of the tiles, working cells; the result does not depend on it.
 
@@ -128,6 +139,7 @@ def find_tops(
         working_resolution=working_resolution,
         spacing=spacing,
         min_prominence=min_prominence,
+        prominence_share=prominence_share,
         tile_size=tile_size,
     ).tops
 
@@ -144,6 +156,7 @@ def search_tops(
     working_resolution: float | None = _DEFAULTS.working_resolution,
     spacing: float | None = _DEFAULTS.spacing,
     min_prominence: float = _DEFAULTS.min_prominence,
+    prominence_share: float | None = None,
     tile_size: int = _DEFAULTS.tile_size,
 ) -> TopSearch:
     """As :func:`find_tops`, with what every step left."""
@@ -152,13 +165,15 @@ def search_tops(
     if window is not None and radius is not None:
         raise TreesError("Give the search disc as radius or as window, not both.")
     work = WorkingGrid.of(grid, working_resolution)
+    if prominence_share is None:
+        prominence_share = PROMINENCE_SHARE if window is None and radius is None else 0.0
     disc = as_window(window if window is not None else radius, work.resolution)
     cut = CutSurface(surface, mask, terrain, min_height, work)
     largest = disc.largest(cut.highest(tile_size))
     _check_disc(largest, grid, work)
-    found = _maxima(cut, disc, largest, tile_size)
-    multiple, kept = _thin(found, work, spacing)
-    kept &= found["prominence"] >= min_prominence
+    found = _maxima(cut, disc, largest, (min_prominence, prominence_share), tile_size)
+    multiple, kept = np.zeros(len(found), bool), found["stands_out"].copy()
+    multiple[kept], kept[kept] = _thin(found[kept], work, spacing)
     return TopSearch(_frame(found, multiple, kept, grid, provenance), work.resolution)
 
 
@@ -198,11 +213,13 @@ def _check_disc(largest: float, grid: Grid, work: WorkingGrid) -> None:
         )
 
 
-def _maxima(cut: CutSurface, disc: Window, largest: float, tile_size: int) -> np.ndarray:
+def _maxima(
+    cut: CutSurface, disc: Window, largest: float, prominence: tuple[float, float], tile_size: int
+) -> np.ndarray:
     """Local maxima of all tiles, one a plateau (its northern, then western cell), by place."""
     work = cut.grid
     offsets = maxima.disc(largest / work.resolution * _WIDER)
-    margin = int(_REACH * largest / work.resolution) + 1
+    margin = int(max(_REACH * largest, _FAR if max(prominence) > 0 else 0.0) / work.resolution) + 1
 
     def of_tile(tile: Tile) -> tuple[np.ndarray, np.ndarray]:
         part = cut.load(tile.padded)
@@ -220,7 +237,7 @@ def _maxima(cut: CutSurface, disc: Window, largest: float, tile_size: int) -> np
         levels = part.work.ravel()[places]
         first = maxima.plateaus(levels, places, width)
         alone = np.flatnonzero(first == np.arange(len(places)))
-        found = _describe(part, tile, work, places[alone], radii[alone])
+        found = _describe(part, tile, work, places[alone], radii[alone], prominence)
         return found, _edge(tile, work, places, levels, first)
 
     parts = dask.compute(*[dask.delayed(of_tile)(tile) for tile in work.tiles(tile_size, margin)])
@@ -232,7 +249,14 @@ def _maxima(cut: CutSurface, disc: Window, largest: float, tile_size: int) -> np
     return found[np.argsort(found["place"], kind="stable")]
 
 
-def _describe(part: Part, tile: Tile, work: WorkingGrid, places: np.ndarray, radii: np.ndarray) -> np.ndarray:
+def _describe(
+    part: Part,
+    tile: Tile,
+    work: WorkingGrid,
+    places: np.ndarray,
+    radii: np.ndarray,
+    prominence: tuple[float, float],
+) -> np.ndarray:
     found = np.zeros(len(places), _MAXIMUM)
     rows, columns = np.divmod(places, part.work.shape[1])
     top, left = (axis.start for axis in tile.padded)
@@ -240,6 +264,10 @@ def _describe(part: Part, tile: Tile, work: WorkingGrid, places: np.ndarray, rad
     found["level"], found["radius"] = part.work[rows, columns], radii
     reach = np.ceil(_REACH * radii / work.resolution).astype(np.int64)
     found["prominence"] = maxima.radial_prominence(part.work_height, rows, columns, reach)
+    least, share = prominence
+    hidden = _HIDDEN_CELLS * work.resolution
+    depths = np.maximum(least, share * part.work_height[rows, columns].astype(np.float64) - hidden)
+    found["stands_out"] = maxima.stand_out(part.work, rows, columns, depths, int(_FAR / work.resolution) + 1)
     apex_rows, apex_columns = part.apexes(rows, columns, work.factor)
     found["z"], found["height"] = part.surface[apex_rows, apex_columns], part.height[apex_rows, apex_columns]
     found["row"], found["column"] = apex_rows + top * work.factor, apex_columns + left * work.factor
@@ -312,6 +340,7 @@ _MAXIMUM = np.dtype(
         ("level", np.float32),
         ("radius", np.float64),
         ("prominence", np.float32),
+        ("stands_out", np.bool_),
         ("z", np.float32),
         ("height", np.float32),
         ("row", np.int64),
