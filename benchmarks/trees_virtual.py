@@ -10,6 +10,7 @@ those of surface and method. True surfaces are kept in ``--folder``; the first r
 from __future__ import annotations
 
 import argparse
+import math
 from collections.abc import Iterator
 from itertools import product
 from pathlib import Path
@@ -33,8 +34,10 @@ SCENES = ("habichtswald", "baruth")
 TUNING, JUDGING = (101, 102), (None, 203)
 """Seeds; None is that of the shipped scene."""
 FINE = 0.1
-WINDOWS = tuple(product((-0.5, 0.0, 0.3, 0.5, 0.8), (0.02, 0.033, 0.05, 0.07, 0.09, 0.11)))
+WINDOWS = tuple(product((-0.5, 0.0, 0.3, 0.5), (0.02, 0.033, 0.05, 0.07, 0.09, 0.11)))
 """Radius at height zero (m) and growth with height that are tried."""
+SHARES = (0.0, 0.03, 0.05, 0.07)
+"""Least prominences that are tried, as shares of the height."""
 DISTANCE = {"conifer": 2.0, "broadleaf old": 3.0, "broadleaf middle": 3.0, "broadleaf young": 2.0}
 """Largest distance of a match, metres [thesis 4.5.1, published/tree_match_distance.csv]."""
 THESIS_FILTER = 49
@@ -79,29 +82,38 @@ def true_heights(source: Path, cell: float) -> xr.DataArray:
 
 
 def references(source: Path) -> gpd.GeoDataFrame:
-    """True trees of at least 3 m, as points of their tops; column ``crown`` holds the outlines."""
+    """True trees as points of their tops, the understorey too; column ``crown`` holds the outlines."""
     trees = gpd.read_file(source / "trees.gpkg")
-    trees = trees[trees["height_m"] >= 3.0].reset_index(drop=True)
+    trees = trees[trees["understorey"] | (trees["height_m"] >= 3.0)].reset_index(drop=True)
     trees["crown"] = trees.geometry
     return trees.set_geometry(gpd.points_from_xy(trees["top_x"], trees["top_y"], crs=trees.crs))
+
+
+def tops_by_stand(
+    height: xr.DataArray, options: TreesParameters, stands: gpd.GeoDataFrame
+) -> gpd.GeoDataFrame:
+    """Tops with the windows and the least prominence of the tree stage."""
+    window = search_window(options, stands, Grid.of(height).resolution)
+    return find_tops(height, radius=None, window=window, prominence_share=options.prominence_share)
 
 
 def judge(tops: gpd.GeoDataFrame, trees: gpd.GeoDataFrame, stands: gpd.GeoDataFrame) -> pd.DataFrame:
     """Scores of every stand over the trees of the stand: those seen from above, and all.
 
-    The understorey is no reference, as thin stems are none in the thesis [3.4.1]: a top on a small tree is
-    neither right nor false. ``correctness_strict`` counts it as false.
+    The understorey is no reference, as thin stems are none in the thesis [3.4.1]: a top without a tree that
+    stands on a small crown and is no higher than that is neither right nor false. ``strict`` counts it as
+    false.
     """
     rows = []
-    small = trees[trees["understorey"]].reset_index(drop=True)
+    small = on_understorey(tops, trees)
     for name, shape in zip(stands["stand"], stands.geometry, strict=True):
         reach = DISTANCE[name if name.startswith("broadleaf") else "conifer"]
         row: dict[str, object] = {"stand": name}
         for kind in ("visible", "all"):
             chosen = trees[~trees["understorey"] & (trees["visible"] | (kind == "all"))]
             match = match_trees(tops, chosen.reset_index(drop=True), reach, area=shape)
-            aside = len(match_trees(tops.iloc[match.false], small, reach / 2).pairs)
-            right, missed, false = len(match.pairs), len(match.missed), len(match.false) - aside
+            right, missed = len(match.pairs), len(match.missed)
+            false = len(match.false) - int(small[match.false].sum())
             row |= {
                 f"trees_{kind}": right + missed,
                 f"completeness_{kind}": 100 * right / max(right + missed, 1),
@@ -113,12 +125,22 @@ def judge(tops: gpd.GeoDataFrame, trees: gpd.GeoDataFrame, stands: gpd.GeoDataFr
     return pd.DataFrame(rows)
 
 
+def on_understorey(tops: gpd.GeoDataFrame, trees: gpd.GeoDataFrame) -> np.ndarray:
+    """Whether each top stands on the crown of a small tree and is not (by more than 0.5 m) higher than it."""
+    small = trees[trees["understorey"]]
+    crowns, heights = shapely.STRtree(small["crown"].to_numpy()), small["height_m"].to_numpy()
+    top, tree = crowns.query(tops.geometry.to_numpy(), predicate="within")
+    result = np.zeros(len(tops), bool)
+    result[top[tops["height_m"].to_numpy()[top] <= heights[tree] + 0.5]] = True
+    return result
+
+
 def choose(folder: Path) -> None:
     """Mean F1 of every window over the conifer stands, the broadleaf stands, and all, by cell."""
     table = pd.concat(_trials(name, seed, folder) for name, seed in product(SCENES, TUNING))
     table["type"] = table["stand"].str.split().str[0]
     parts = {name: table[table["type"] == name] for name in ("conifer", "broadleaf")} | {"all": table}
-    keys = ["start", "growth", "prominence"]
+    keys = ["start", "growth", "share"]
     for label, part in parts.items():
         by_type = part.groupby([*keys, "cell", "type"])["f1_visible"].mean()
         mean = by_type.groupby([*keys, "cell"]).mean().unstack("cell")
@@ -135,12 +157,13 @@ def _trials(name: str, seed: int, folder: Path) -> pd.DataFrame:
     kept = source / "windows.csv"
     if not kept.exists():
         trees, stands, rows = references(source), stands_of(name), []
-        for cell, (start, growth) in product((0.2, 0.5), WINDOWS):
-            window = GrowingWindow(start, growth, smallest=max(0.5, cell))
-            tops = find_tops(true_heights(source, cell), radius=None, window=window)
-            for least in (0.0, 0.3, 1.0):
-                scores = judge(tops[tops["prominence_m"] >= least], trees, stands)
-                rows.append(scores.assign(cell=cell, start=start, growth=growth, prominence=least))
+        for cell in (0.2, 0.5):
+            heights = true_heights(source, cell)
+            for (start, growth), share in product(WINDOWS, SHARES):
+                window = GrowingWindow(start, growth, smallest=max(0.5, math.sqrt(2) * cell))
+                tops = find_tops(heights, radius=None, window=window, prominence_share=share)
+                scores = judge(tops, trees, stands)
+                rows.append(scores.assign(cell=cell, start=start, growth=growth, share=share))
         pd.concat(rows).to_csv(kept, index=False)
     return pd.read_csv(kept)
 
@@ -202,8 +225,7 @@ def on_truth(folder: Path, options: TreesParameters) -> None:
 def _judged_truth(name: str, folder: Path, options: TreesParameters, cell: float) -> Iterator[pd.DataFrame]:
     for seed in JUDGING:
         source, stands = true_scene(name, seed, folder), stands_of(name)
-        window = search_window(options, stands)
-        tops = find_tops(true_heights(source, cell), radius=None, window=window)
+        tops = tops_by_stand(true_heights(source, cell), options, stands)
         yield judge(tops, references(source), stands).assign(seed="shipped" if seed is None else seed)
 
 
@@ -212,27 +234,24 @@ def findings(folder: Path, options: TreesParameters) -> None:
     source, stands = true_scene("habichtswald", None, folder), stands_of("habichtswald")
     height, trees = true_heights(source, 0.2), references(source)
     seen = trees[trees["visible"] & ~trees["understorey"]].reset_index(drop=True)
-    own = search_window(options, stands)
-    found = find_tops(height, radius=None, window=own)
+    found = tops_by_stand(height, options, stands)
     print("\nT17, each stand with its own window")
     _print_scores(judge(found, trees, stands))
     print("\nT21, windows swapped")
     swapped = stands.assign(
         stand_type=stands["stand_type"].map({"conifer": "broadleaf", "broadleaf": "conifer"})
     )
-    _print_scores(
-        judge(find_tops(height, radius=None, window=search_window(options, swapped)), trees, stands)
-    )
+    _print_scores(judge(tops_by_stand(height, options, swapped), trees, stands))
     print(f"\nT22, tops of the surface after a bilateral filter of {THESIS_FILTER}")
     smooth = smoothed(height, THESIS_FILTER, options.smoothing_sigma)
-    _print_scores(judge(find_tops(smooth, radius=None, window=own), trees, stands))
+    _print_scores(judge(tops_by_stand(smooth, options, stands), trees, stands))
     hit = np.isin(np.arange(len(seen)), match_trees(found, seen, 2.0).pairs["reference"])
     print(
         f"\nT24, completeness within 2 m (%): free {_share(hit, free_standing(seen))}, others "
         f"{_share(hit, ~free_standing(seen))}"
     )
     holes = punched(height, share=0.25, radius=2.5, seed=1)
-    filled = find_tops(holes[0], radius=None, window=own)
+    filled = tops_by_stand(holes[0], options, stands)
     hit = np.isin(np.arange(len(seen)), match_trees(filled, seen, 2.0).pairs["reference"])
     inside = at(holes[1], Grid.of(height), seen)
     print(
@@ -287,7 +306,7 @@ def on_chain(site_names: list[str], root: Path, options: TreesParameters) -> Non
             raise SystemExit(f"{name} has no truth to compare with.")
         stands = stands_of(name.split("-")[0])
         height = read_raster(site.products / "surface" / "ndsm.tif")
-        tops = find_tops(height, radius=None, window=search_window(options, stands))
+        tops = tops_by_stand(height, options, stands)
         print(f"\n{name}: whole chain")
         print(judge(tops, references(site.truth), stands).round(1).to_string(index=False))
     _print_published()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -25,6 +26,7 @@ from workbench.trees.methods import CrownMethod, Dalponte, MarkerWatershed, Regi
 from workbench.trees.stands import stand_types
 from workbench.trees.tops import TopSearch, search_tops
 from workbench.trees.windows import ConstantWindow, GrowingWindow, StandWindow, Window
+from workbench.trees.working import WorkingGrid
 from workbench.vectors import read_vector
 
 STANDS = "stands.gpkg"
@@ -93,7 +95,7 @@ class TreeModel:
                 self.mask(options),
                 None,
                 options.min_height,
-                window=search_window(options, self.inputs.stands),
+                window=search_window(options, self.inputs.stands, self._cell(options)),
                 provenance=self.inputs.provenance,
                 working_resolution=options.working_resolution,
                 spacing=options.spacing,
@@ -149,6 +151,9 @@ class TreeModel:
         }
         return crown_table(self.labels(options), means)
 
+    def _cell(self, options: TreesParameters) -> float:
+        return WorkingGrid.of(Grid.of(self.inputs.height), options.working_resolution).resolution
+
     def _step(
         self, name: str, options: TreesParameters, fields: tuple[str, ...], compute: Callable[[], Any]
     ) -> Any:
@@ -194,11 +199,17 @@ def read_tree_inputs(site: Site, options: TreesParameters) -> TreeInputs:
     )
 
 
-def search_window(options: TreesParameters, stands: gpd.GeoDataFrame | None = None) -> Window:
-    """Search window that the parameters ask for; by stand type where there are stands."""
+def search_window(
+    options: TreesParameters, stands: gpd.GeoDataFrame | None = None, cell: float = 0.0
+) -> Window:
+    """Search window that the parameters ask for; by stand type where there are stands.
+
+    A window that grows looks at least at the eight neighbours of a working ``cell`` (metres).
+    """
     if options.radius is not None:
         return ConstantWindow(options.radius)
-    limits = {"smallest": options.window_smallest, "limit": options.window_largest}
+    smallest = max(options.window_smallest, math.sqrt(2.0) * cell)
+    limits = {"smallest": smallest, "limit": max(options.window_largest, smallest)}
     usual = GrowingWindow(options.window_start, options.window_growth, **limits)
     if stands is None:
         return usual
