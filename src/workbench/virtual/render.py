@@ -204,11 +204,11 @@ class _Frame:
             float(max(y.max(), centre[1])),
         )
         focal = 0.5 * (camera.focal_x + camera.focal_y)
-        focals = np.array([camera.focal_x, camera.focal_y]) * s
-        principal = np.array([camera.principal_x, camera.principal_y]) * s
+        focals = np.array([camera.focal_x, camera.focal_y], dtype=float) * s
+        principal = np.array([camera.principal_x, camera.principal_y], dtype=float) * s
         rational = any(camera.distortion[5:])
         rotation = np.ascontiguousarray(pose.rotation, dtype=float)
-        distortion = np.array(camera.distortion)
+        distortion = np.array(camera.distortion, dtype=float)
         lens = views.Lens(
             rotation.astype(np.float32),
             distortion.astype(np.float32),

@@ -10,7 +10,20 @@ import numpy as np
 from workbench.virtual.compiled import inner, kernel
 from workbench.virtual.noise import bilinear, hash2, hash3, uniform
 from workbench.virtual.solids import GLASS, ROOF_FLAT, ROOF_TILES, STONE
-from workbench.virtual.texture import ASPHALT, GRASS, GRAVEL, LITTER, NOISE, TEXEL, level_of, mottle, sample
+from workbench.virtual.texture import (
+    ASPHALT,
+    GRASS,
+    GRAVEL,
+    LITTER,
+    NOISE,
+    TEXEL,
+    Tap,
+    level_of,
+    mottle,
+    mottle_taps,
+    sample,
+    tap_of,
+)
 from workbench.virtual.world import Cover
 
 _BLOCK = 16
@@ -157,12 +170,36 @@ def shade_leaf(light, colour, bright, sunlit, open_sky, normal, view, halfway, o
         out[band] += sheen * light.direct[band]
 
 
+class GroundTaps(NamedTuple):
+    """Levels of the textures of bare ground for one size of subpixels."""
+
+    fine: Tap
+    tuft: Tap
+    mid: tuple[Tap, Tap]
+    big: Tap
+    ragged: Tap
+
+
 @inner
-def ground_cover(world, textures, x, y, z, level):
-    """Land cover code of bare ground at a place; ``level`` of the finest texture."""
+def ground_taps(textures, footprint):
+    """Levels for subpixels of this edge, m; the finest texture sets it, the others are coarser."""
+    level = level_of(footprint, np.float32(TEXEL))
+    # log2 of the ratio of a texel to the finest.
+    return GroundTaps(
+        tap_of(textures, np.float32(TEXEL), level),
+        tap_of(textures, np.float32(0.0131), level - np.float32(1.711)),
+        mottle_taps(textures, np.float32(0.037), level - np.float32(3.209)),
+        tap_of(textures, np.float32(0.31), level - np.float32(6.276)),
+        tap_of(textures, np.float32(0.008), level - np.float32(1)),
+    )
+
+
+@inner
+def ground_cover(world, textures, x, y, z, taps):
+    """Land cover code of bare ground at a place."""
     terrain = world.terrain
     column, row = (x - terrain.west) / terrain.step, (y - terrain.south) / terrain.step
-    ragged = sample(textures, NOISE, x, y, np.float32(0.008), level - np.float32(1))
+    ragged = sample(textures, NOISE, x, y, taps.ragged)
     if bilinear(world.ground.road, column, row) < np.float32(0.03) * ragged:
         return Cover.ROAD.value
     if bilinear(world.ground.path, column, row) < np.float32(0.10) * ragged:
@@ -198,41 +235,36 @@ def plain_cover(world, x, y, z):
 
 
 @inner
-def ground_colour(textures, cover, x, y, level, out):
-    """Reflectance of bare ground: material, its own texture, and mottling at three scales.
-
-    ``level`` is that of the finest; those of the coarser scales follow from the ratio of their texels to
-    the finest, log2.
-    """
+def ground_colour(textures, cover, x, y, taps, out):
+    """Reflectance of bare ground: material, its own texture, and mottling at three scales."""
     # Bent coordinates: the finest tile repeats nowhere exactly.
-    big_level, mid_level, fine_level = level - np.float32(6.276), level - np.float32(3.209), level
     xr, yr = x * np.float32(0.8) - y * np.float32(0.6), x * np.float32(0.6) + y * np.float32(0.8)
     xs, ys = x * np.float32(0.39) + y * np.float32(0.92), y * np.float32(0.39) - x * np.float32(0.92)
-    big = sample(textures, NOISE, xs, ys, np.float32(0.31), big_level)
-    mid = mottle(textures, xr, yr, np.float32(0.037), mid_level)
+    big = sample(textures, NOISE, xs, ys, taps.big)
+    mid = mottle(textures, xr, yr, taps.mid)
     xf, yf = x + np.float32(0.5) * big, y - np.float32(0.5) * big
     one = np.float32(1)
     if cover == Cover.ROAD.value:
-        fine = sample(textures, ASPHALT, xf, yf, np.float32(TEXEL), fine_level)
+        fine = sample(textures, ASPHALT, xf, yf, taps.fine)
         value = one + np.float32(0.16) * fine + np.float32(0.055) * mid + np.float32(0.06) * big
         for band in range(4):
             out[band] = _ASPHALT[band] * max(value, np.float32(0.2))
     elif cover == Cover.PATH.value or cover == Cover.SHORE.value:
-        fine = sample(textures, GRAVEL, xf, yf, np.float32(TEXEL), fine_level)
+        fine = sample(textures, GRAVEL, xf, yf, taps.fine)
         value = one + np.float32(0.20) * fine + np.float32(0.10) * mid + np.float32(0.07) * big
         for band in range(4):
             base = _GRAVEL[band] if cover == Cover.PATH.value else _MUD[band]
             out[band] = base * max(value, np.float32(0.15))
     elif cover == Cover.FOREST_FLOOR.value:
-        fine = sample(textures, LITTER, xf, yf, np.float32(TEXEL), fine_level)
+        fine = sample(textures, LITTER, xf, yf, taps.fine)
         moss = min(max(np.float32(0.5) + np.float32(0.5) * mid + np.float32(0.4) * big, np.float32(0)), one)
         value = max(one + np.float32(0.32) * fine + np.float32(0.12) * mid, np.float32(0.12))
         for band in range(4):
             out[band] = (_LITTER[band] + moss * (_MOSS[band] - _LITTER[band])) * value
     else:
-        fine = sample(textures, GRASS, xf, yf, np.float32(TEXEL), fine_level)
+        fine = sample(textures, GRASS, xf, yf, taps.fine)
         # Tufts: the same blades at three times the size, in another direction.
-        tuft = sample(textures, GRASS, yr + big, xr - big, np.float32(0.0131), level - np.float32(1.711))
+        tuft = sample(textures, GRASS, yr + big, xr - big, taps.tuft)
         dry = min(max(np.float32(0.22) * big + np.float32(0.16) * mid + np.float32(0.06), np.float32(0)), one)
         weed = min(max(np.float32(0.5) * mid - np.float32(0.45) * big - np.float32(0.45), np.float32(0)), one)
         value = one + np.float32(0.24) * fine + np.float32(0.12) * tuft + np.float32(0.07) * mid
@@ -289,8 +321,9 @@ def solid_colour(world, textures, body, plane, x, y, z, footprint, out):
     elif not upward:
         along, down = np.float32(x + y), np.float32(z)
         rough = np.float32(0.08)
-    fine = sample(textures, GRAVEL, along, down, np.float32(0.006), level_of(footprint, np.float32(0.006)))
-    mid = sample(textures, NOISE, down, along, np.float32(0.013), level_of(footprint, np.float32(0.013)))
+    grain, patch = np.float32(0.006), np.float32(0.013)
+    fine = sample(textures, GRAVEL, along, down, tap_of(textures, grain, level_of(footprint, grain)))
+    mid = sample(textures, NOISE, down, along, tap_of(textures, patch, level_of(footprint, patch)))
     value = np.float32(1) + rough * fine + np.float32(0.08) * mid * (rough > np.float32(0.05))
     if surface == ROOF_TILES and upward:
         # Courses of tiles, every 0.33 m; each tile, 0.25 m wide, has a tone of its own.
@@ -321,7 +354,7 @@ def cover_below(world, textures, x, y, footprint):
     codes = np.zeros((y.size, x.size), dtype=np.uint8)
     colour = np.zeros(4, dtype=np.float32)
     terrain = world.terrain
-    level = level_of(np.float32(footprint), np.float32(TEXEL))
+    taps = ground_taps(textures, np.float32(footprint))
     for i in range(y.size):
         for j in range(x.size):
             xf, yf = np.float32(x[j]), np.float32(y[i])
@@ -332,5 +365,5 @@ def cover_below(world, textures, x, y, footprint):
             elif target_colour(world, x[j], y[i], colour):
                 codes[i, j] = Cover.TARGET.value
             else:
-                codes[i, j] = ground_cover(world, textures, xf, yf, z, level)
+                codes[i, j] = ground_cover(world, textures, xf, yf, z, taps)
     return codes

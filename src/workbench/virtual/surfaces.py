@@ -12,6 +12,7 @@ from workbench.virtual.particles import ground_height
 from workbench.virtual.shade import (
     ground_colour,
     ground_cover,
+    ground_taps,
     place_hash,
     plain_cover,
     solid_colour,
@@ -19,9 +20,8 @@ from workbench.virtual.shade import (
     target_colour,
 )
 from workbench.virtual.solids import hit_solid
-from workbench.virtual.texture import TEXEL, level_of
 from workbench.virtual.views import canopy_shade, towards
-from workbench.virtual.water import shade_water
+from workbench.virtual.water import lake_at, shade_water
 from workbench.virtual.world import Cover
 
 
@@ -79,6 +79,7 @@ def paint_ground(world, textures, light, waves, view, scale, s, cover, tile):
     """
     rows, columns = tile.depth.shape
     base = np.zeros(4, dtype=np.float32)
+    lake = lake_at(world, textures, waves, np.float32(0), np.float32(0), np.float32(1))
     for top in range(0, rows, s):
         for left in range(0, columns, s):
             bare = 0
@@ -93,8 +94,10 @@ def paint_ground(world, textures, light, waves, view, scale, s, cover, tile):
             sky = canopy_shade(world, xf, yf, np.float32(z))
             toward = towards(view, x, y, z)
             footprint = np.float32(tile.depth[top, left] * scale)
-            level = level_of(footprint, np.float32(TEXEL))
+            taps = ground_taps(textures, footprint)
             signal = _target_near(world, x, y, s * footprint)
+            if z <= world.water_level + s * footprint:
+                lake = lake_at(world, textures, waves, xf, yf, footprint)
             plain = plain_cover(world, xf, yf, np.float32(z)) if s * footprint < 0.2 else -1
             for i in range(top, top + s):
                 for j in range(left, left + s):
@@ -108,7 +111,7 @@ def paint_ground(world, textures, light, waves, view, scale, s, cover, tile):
                     if code < 0 and level_here and ground_height(world.terrain, xf, yf) < world.water_level:
                         code = Cover.WATER.value
                     if code == Cover.WATER.value:
-                        shade_water(world, light, textures, waves, xf, yf, toward, footprint, lit, base)
+                        shade_water(light, textures, lake, xf, yf, toward, lit, base)
                         cover[i, j] = code
                         for band in range(4):
                             tile.colour[i, j, band] = base[band]
@@ -117,8 +120,8 @@ def paint_ground(world, textures, light, waves, view, scale, s, cover, tile):
                         code = Cover.TARGET.value
                     else:
                         if code < 0:
-                            code = ground_cover(world, textures, xf, yf, z, level)
-                        ground_colour(textures, code, xf, yf, level, base)
+                            code = ground_cover(world, textures, xf, yf, z, taps)
+                        ground_colour(textures, code, xf, yf, taps, base)
                     cover[i, j] = code
                     for band in range(4):
                         incoming = light.direct[band] * facing * lit + light.diffuse[band] * sky

@@ -53,38 +53,54 @@ def level_of(footprint, texel):
     return np.float32(np.log2(max(footprint / texel, np.float32(1))))
 
 
-@inner
-def sample(textures, tile, x, y, texel, level):
-    """Texture at a place, m, on the level nearest to ``level``."""
-    if level >= _LEVELS - 1.5:
-        return np.float32(0)
-    return _sample_level(textures, tile, x, y, texel, max(int(level + np.float32(0.5)), 0))
+class Tap(NamedTuple):
+    """Where the samples of one level are, and how places become its rows and columns."""
+
+    start: int
+    """First sample of the level."""
+    mask: int
+    """Samples along its edge, less one."""
+    scale: np.float32
+    """Samples per metre."""
 
 
 @inner
-def mottle(textures, x, y, texel, level):
-    """Noise as the mean of two tiles of other sizes and directions: where one repeats, the other does not."""
-    u, v = x * np.float32(0.28) - y * np.float32(0.96), y * np.float32(0.28) + x * np.float32(0.96)
-    other = sample(textures, NOISE, u, v, texel * np.float32(0.7937), level + np.float32(0.3333))
-    return np.float32(0.7071) * (sample(textures, NOISE, x, y, texel, level) + other)
+def tap_of(textures, texel, level):
+    """The level nearest to ``level`` (a float) of a tile with texels of this edge, m."""
+    k = min(max(int(level + np.float32(0.5)), 0), _LEVELS - 1)
+    scale = np.float32(1) / (np.float32(texel) * np.float32(1 << k))
+    return Tap(textures.starts[k], (TILE >> k) - 1, scale)
 
 
 @inner
-def _sample_level(textures, tile, x, y, texel, level):
-    size = TILE >> level
-    scale = np.float32(1) / (texel * np.float32(1 << level))
-    u, v = x * scale - np.float32(0.5), y * scale - np.float32(0.5)
-    j, i = int(np.floor(u)), int(np.floor(v))
-    a, b = np.float32(u - j), np.float32(v - i)
-    mask = size - 1
-    j0, i0 = j & mask, i & mask
-    j1, i1 = (j + 1) & mask, (i + 1) & mask
-    start = textures.starts[level]
-    row0, row1 = start + i0 * size, start + i1 * size
+def sample(textures, tile, x, y, tap):
+    """Texture at a place, m: bilinear between the samples of a level."""
+    u, v = x * tap.scale - np.float32(0.5), y * tap.scale - np.float32(0.5)
+    column, row = np.floor(u), np.floor(v)
+    a, b = np.float32(u - column), np.float32(v - row)
+    j, i = np.int64(column), np.int64(row)
+    mask, edge = tap.mask, tap.mask + 1
+    j0, j1 = j & mask, (j + 1) & mask
+    row0, row1 = tap.start + (i & mask) * edge, tap.start + ((i + 1) & mask) * edge
     values = textures.values[tile]
     top = values[row0 + j0] + a * (values[row0 + j1] - values[row0 + j0])
     low = values[row1 + j0] + a * (values[row1 + j1] - values[row1 + j0])
     return np.float32(top + b * (low - top))
+
+
+@inner
+def mottle_taps(textures, texel, level):
+    """The two levels that :func:`mottle` samples."""
+    other = np.float32(texel) * np.float32(0.7937)
+    return tap_of(textures, texel, level), tap_of(textures, other, level + np.float32(0.3333))
+
+
+@inner
+def mottle(textures, x, y, taps):
+    """Noise as the mean of two tiles of other sizes and directions: where one repeats, the other does not."""
+    u, v = x * np.float32(0.28) - y * np.float32(0.96), y * np.float32(0.28) + x * np.float32(0.96)
+    other = sample(textures, NOISE, u, v, taps[1])
+    return np.float32(0.7071) * (sample(textures, NOISE, x, y, taps[0]) + other)
 
 
 def _pyramid(tile: np.ndarray) -> np.ndarray:
