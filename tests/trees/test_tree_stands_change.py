@@ -36,7 +36,8 @@ def test_stand_table_counts_by_hectare():
     assert table.loc["a", ["area_ha", "stems", "stems_per_ha"]].tolist() == [1.0, 3, 3.0]
     assert table.loc["a", "height_mean_m"] == pytest.approx(14.0)
     assert table.loc["a", "height_sd_m"] == pytest.approx(np.std([12, 8, 22], ddof=1))
-    assert table.loc["a", "height_top_m"] == pytest.approx(14.0)
+    # Fewer than 100 stems per hectare: the tallest fifth, here one.
+    assert table.loc["a", "height_top_m"] == pytest.approx(22.0)
     assert table.loc["a", "crown_cover"] == pytest.approx(3 * 16 / 1e4)
     assert table.loc["a", "interpolated"] == pytest.approx(1 / 3)
     classes = [column for column in table if column.startswith("stems_per_ha_")]
@@ -45,6 +46,15 @@ def test_stand_table_counts_by_hectare():
     assert table.loc["empty", "stems"] == 0
     assert np.isnan(table.loc["empty", "height_mean_m"])
     assert table.loc["empty", "crown_cover"] == 0
+
+
+@pytest.mark.parametrize(("number", "tallest"), [(50, 10), (99, 20), (101, 100), (400, 100)])
+def test_top_height_is_that_of_100_stems_per_hectare_or_of_a_fifth_of_fewer(number, tallest):
+    rng = np.random.default_rng(0)
+    heights = rng.uniform(5, 30, number)
+    tops = tops_at(np.c_[rng.uniform(1, 99, (number, 2)), heights])
+    top = stand_table(tops, crowns_of(tops), areas()).set_index("stand").loc["a", "height_top_m"]
+    assert top == pytest.approx(np.sort(heights)[-tallest:].mean())
 
 
 def test_a_crown_across_the_border_covers_both_areas_and_its_stem_stands_in_one():

@@ -54,6 +54,10 @@ def site(tmp_path):
     return made
 
 
+def site_with(site, shoreline):
+    return Site(site.name, site.root, site.crs, "local", (), shoreline=shoreline)
+
+
 def test_the_stage_finds_every_tree_and_writes_the_products_of_the_contract(site):
     metrics = trees_site(site, PARAMETERS)
     assert metrics["trees"] == len(TREES) == metrics["crowns"]
@@ -96,10 +100,25 @@ def test_stands_give_their_trees_parameters_and_rows_of_their_own(site):
 def test_what_stands_in_the_lake_is_no_tree(site):
     lake = site.folder / "shoreline.gpkg"
     gpd.GeoDataFrame(geometry=[box(-1, -1, 20, SIZE + 1)], crs=CRS).to_file(lake)
-    metrics = trees_site(Site(site.name, site.root, site.crs, "local", (), shoreline=lake), PARAMETERS)
+    metrics = trees_site(site_with(site, lake), PARAMETERS)
     tops = read_vector(site.products / "trees/trees.gpkg", layer="tops")
     assert tops.geometry.x.min() > 20
     assert metrics["trees"] == sum(x > 20 for x, *_ in TREES)
+    assert metrics["warnings"] == []
+
+
+def test_low_tops_on_the_shore_may_be_reed(site):
+    lake = site.folder / "shoreline.gpkg"
+    gpd.GeoDataFrame(geometry=[box(-1, -1, 8, SIZE + 1)], crs=CRS).to_file(lake)
+    height = read_raster(site.products / "surface/ndsm.tif")
+    # The eastern trees are as low as reed; some of them stand too far from the lake to be it.
+    low = height.copy(data=np.where(height.x.values > 14, 0.25, 1.0).astype(np.float32) * height.values)
+    write_raster(low, site.products / "surface/ndsm.tif")
+    metrics = trees_site(site_with(site, lake), PARAMETERS)
+    tops = read_vector(site.products / "trees/trees.gpkg", layer="tops")
+    near = (tops["height_m"] <= 6.0) & (tops.geometry.x <= 8 + 25)
+    assert 0 < near.sum() < len(tops)
+    assert [int(warning.split()[0]) for warning in metrics["warnings"]] == [near.sum()]
 
 
 def test_an_index_that_is_not_there_is_asked_for(site):

@@ -16,6 +16,11 @@ from workbench.trees.model import TreeInputs, TreeModel, read_tree_inputs
 from workbench.trees.stands import stand_table
 from workbench.vectors import write_layers
 
+_SHORE = 25.0
+"""Width of the land along a lake on which reed is to be expected, metres."""
+_TALLEST_REED = 6.0
+"""Reed grows 1-6 m high [reed 1], metres."""
+
 
 def trees_site(site: Site, parameters: Parameters) -> dict:
     """Find the trees of a site on its surface and orthophoto.
@@ -50,7 +55,22 @@ def trees_site(site: Site, parameters: Parameters) -> dict:
         table = stand_table(tops, crowns, _areas(inputs), height_class=options.height_class)
         table.to_csv(stage.path("stands.csv"), index=False, lineterminator="\n", float_format="%.6g")
         stage.metrics.update(_metrics(inputs, mask, search.maxima, tops, crowns, table))
+        stage.metrics["warnings"] = reed_warnings(inputs, tops)
     return stage.metrics
+
+
+def reed_warnings(inputs: TreeInputs, tops: gpd.GeoDataFrame) -> list[str]:
+    """Tops that may be reed: on land beside the lake, and not higher than reed grows."""
+    if inputs.lake is None or not len(inputs.lake) or not len(tops):
+        return []
+    shore = inputs.lake.to_crs(tops.crs).union_all()
+    near = tops["height_m"].le(_TALLEST_REED).to_numpy() & (tops.distance(shore) <= _SHORE).to_numpy()
+    if not near.any():
+        return []
+    return [
+        f"{int(near.sum())} tops stand within {_SHORE:g} m of the lake and are no higher than reed "
+        f"({_TALLEST_REED:g} m): they may be reed on land. Raise trees.min_height above it if they are."
+    ]
 
 
 def _areas(inputs: TreeInputs) -> gpd.GeoDataFrame:

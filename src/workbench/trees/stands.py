@@ -77,7 +77,8 @@ def stand_table(
     -------
     DataFrame
         A row an area: ``stand``, ``area_ha``, ``stems``, ``stems_per_ha``, ``height_mean_m``,
-        ``height_sd_m``, ``height_top_m`` (mean of the 100 tallest stems per hectare),
+        ``height_sd_m``, ``height_top_m`` (mean of the 100 tallest stems per hectare; where there are
+        fewer, as in parks and savannas, of the tallest fifth of the stems),
         ``crown_cover`` (share of the area under crowns, 0..1), ``crown_diameter_m`` (mean),
         ``interpolated`` (share of tops on interpolated cells), and a column per height class, as
         ``stems_per_ha_5_10``.
@@ -106,7 +107,7 @@ def stand_table(
         covered = float(shapely.area(shapely.intersection(touching, shape)).sum())
         heights = np.sort(inside["height_m"].to_numpy(float))[::-1]
         hectares = shape.area / 1e4
-        dominant = heights[: max(round(100 * hectares), 1)]
+        dominant = heights[: _dominant(len(heights), hectares)]
         row = {
             "stand": label,
             "area_ha": hectares,
@@ -124,3 +125,9 @@ def stand_table(
             row[f"stems_per_ha_{low:g}_{low + height_class:g}"] = count / hectares
         rows.append(row)
     return pd.DataFrame(rows)
+
+
+def _dominant(stems: int, hectares: float) -> int:
+    """Number of stems that make the top height: after Assmann 100 per hectare, else Weise's fifth."""
+    number = round(100 * hectares)
+    return max(number if stems > number else round(stems / 5), 1)
