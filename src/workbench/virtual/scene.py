@@ -32,10 +32,10 @@ from workbench.virtual.lake import Shore, measure_shore, shape_lake
 from workbench.virtual.particles import REED_CELL, ReedFields
 from workbench.virtual.reed_belt import Reed, describe_reed, empty_reed_fields, reed_fields
 from workbench.virtual.tables import building_table, lake_polygon, target_table, tree_table
-from workbench.virtual.terrain import land_heights
+from workbench.virtual.terrain import land_heights, level_border
 from workbench.virtual.world import Cover, Ground, Terrain, World
 
-_BORDER = 12.0
+_BORDER = 28.0
 _NO_LAKE = -1e6
 _LARGEST = 40_000_000
 
@@ -168,6 +168,7 @@ def build_scene(spec: SceneSpec) -> Scene:
     origin = np.array([spec.origin[0], spec.origin[1], np.floor(spec.terrain.base) - 10.0])
     level = None if spec.lake is None else spec.lake.level - origin[2]
     heights = land_heights(spec.terrain, x, y, spec.seed)
+    heights = level_border(heights, spec.terrain, x, y, spec.size)
     shore = None
     if spec.lake is not None:
         shore = measure_shore(spec.lake, x, y, spec.seed)

@@ -16,7 +16,25 @@ def land_heights(spec: TerrainSpec, x: np.ndarray, y: np.ndarray, seed: int) -> 
     """
     generator = np.random.default_rng([seed, 1])
     field = fractal_field(x[None, :], y[:, None], spec.longest, 4.0, generator, gain=0.45)
-    plane = spec.slope[0] * (x[None, :] - x.mean()) + spec.slope[1] * (y[:, None] - y.mean())
     deviation = field - field.mean()
     spread = max(float(deviation.std()), 1e-9)
-    return spec.base + plane + deviation * (spec.relief / spread)
+    return spec.base + _plane(spec, x, y) + deviation * (spec.relief / spread)
+
+
+def level_border(
+    heights: np.ndarray, spec: TerrainSpec, x: np.ndarray, y: np.ndarray, size: tuple[float, float]
+) -> np.ndarray:
+    """Heights whose hills fade into the inclined plane from the scene of this size (m) to the last nodes.
+
+    The renderer goes on beyond them with the height of the nearest: a hill there would become a ridge.
+    """
+    out_x = np.maximum(np.maximum(-x, x - size[0]), 0)
+    out_y = np.maximum(np.maximum(-y, y - size[1]), 0)
+    t = np.clip(np.maximum(out_x[None, :] / -x[0], out_y[:, None] / -y[0]), 0, 1)
+    kept = 1 - t**2 * (3 - 2 * t)
+    plane = spec.base + _plane(spec, x, y)
+    return np.where(t > 0, plane + kept * (heights - plane), heights)
+
+
+def _plane(spec: TerrainSpec, x: np.ndarray, y: np.ndarray) -> np.ndarray:
+    return spec.slope[0] * (x[None, :] - x.mean()) + spec.slope[1] * (y[:, None] - y.mean())

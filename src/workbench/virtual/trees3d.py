@@ -30,7 +30,9 @@ LEAF_DIAMETER = {"broadleaf": 0.06, "conifer": 0.05}
 """Diameter of a disc of foliage, metres: a leaf with its neighbours, a tuft of needles (3-9 cm)."""
 LEAF_AREA_INDEX = {"broadleaf": 2.7, "conifer": 2.8}
 """One-sided leaf area over crown area that takes part in the image; the rest of a real index hides below."""
-_CLUMPS_A_BRANCH = 6
+_BRANCHES = 40
+"""Main branches of a broadleaf crown: small crowns have shorter ones, not fewer (while clumps last)."""
+_CLUMPS_A_BRANCH = 2, 6
 _BRANCH_SPREAD = 0.2  # Of the clumps of a branch around it, in radii of the lobe.
 
 
@@ -145,7 +147,7 @@ def _lobes(height: float, radius: float, share: float, rng: np.random.Generator)
     number = int(np.clip(14 * (2 * radius) ** 1.25, 12, 420))
     clump = np.clip(0.30 * radius**0.45, 0.16, 0.75) * rng.uniform(0.7, 1.3, number)
     # Clumps sit in groups on branches; between branches light falls deep into the crown.
-    branches = max(number // _CLUMPS_A_BRANCH, 3)
+    branches = max(number // int(np.clip(number // _BRANCHES, *_CLUMPS_A_BRANCH)), 3)
     branch = np.arange(number) % branches
     which = rng.choice(lobes, branches, p=weights)[branch]
     up = rng.uniform(-0.35, 1.0, branches)[branch] + rng.normal(0, _BRANCH_SPREAD, number)
