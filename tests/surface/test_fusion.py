@@ -213,7 +213,7 @@ def test_patches_of_one_pair_must_be_larger(tile_size):
     height, count = np.full((40, 40), NAN, np.float32), np.zeros((40, 40), np.uint8)
     for rows, pairs in ((slice(2, 8), 1), (slice(12, 18), 2), (slice(22, 38), 1)):
         height[rows, 3:19], count[rows, 3:19] = 1.0, pairs
-    remove_specks(height, 20, 0.5, count=count, least_alone=150, tile_size=tile_size)
+    remove_specks(height, 20, 0.5, agreed=count >= 2, least_alone=150, tile_size=tile_size)
     assert np.isnan(height[2:8]).all()
     assert np.isfinite(height[12:18, 3:19]).all()
     assert np.isfinite(height[22:38, 3:19]).all()

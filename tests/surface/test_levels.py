@@ -95,3 +95,17 @@ def test_heights_of_trees_are_counted_from_three_metres():
     assert canopy.share == pytest.approx(4 / 7)
     assert canopy.crown_height == pytest.approx(30.0, abs=0.1)
     assert CanopyHeights().crown_height is None
+
+
+@pytest.mark.parametrize(("other", "kept"), [(1, True), (3, False)])
+def test_small_patch_of_one_pair_is_believed_at_a_small_angle_only(tmp_path, other, kept):
+    """9 square metres that one pair measured: at 6 degrees they stay, at 17 degrees they are a speck."""
+    frame, _ = rectify_pair(StereoPair(STRIP[0], STRIP[other], "inflight"), (-5, 20), downscale=1)
+    disparity = np.full(frame.shape, np.nan, np.float32)
+    row, column = frame.shape[0] // 2, frame.shape[1] // 2
+    disparity[row : row + 31, column : column + 31] = frame.focal * frame.base / 97.0 - frame.shift
+    pair = MatchedPair("p", 1, frame, disparity, np.full(frame.shape, 200, np.uint8))
+    grid = Grid.from_bounds(UTM, (399_960, 5_299_960, 400_060, 5_300_040), 0.15)
+    with grid_level([StoredPair(frame, lambda: pair)], 1, grid, (-5.0, 20.0), tmp_path) as level:
+        found = np.isfinite(level.arrays.read("height", (slice(0, grid.height), slice(0, grid.width))))
+    assert found.sum() * 0.15**2 == pytest.approx(9 if kept else 0, rel=0.1)

@@ -44,11 +44,20 @@ class SurfaceParameters(Section):
     )
     min_single_patch: float = parameter(
         16.0,
-        "Patches that no two pairs agree on are removed below this area.",
+        "Patches that only one pair measured, at a large angle, are removed below this area.",
         unit="m2",
-        source="a crown of 4.5 m; isolated heights of one pair are mostly chance (docs/surface.md)",
+        source="a crown of 4.5 m; isolated heights of one wide pair are mostly chance (docs/surface.md)",
         ge=0,
         le=10000,
+    )
+    single_angle: float = parameter(
+        12.0,
+        "Up to this intersection angle one pair is believed like two; min_patch holds for its patches.",
+        unit="degree",
+        source="thesis 4.2, 5.1: canopy is matched up to about 10 degrees on the ground, a fifth more at "
+        "crowns (docs/surface.md)",
+        gt=0,
+        lt=90,
     )
     patch_step: float = parameter(
         0.5,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections import OrderedDict
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -112,9 +113,9 @@ def grid_level(
     specks = SpeckFinder(grid.shape, least, parameters.largest_step(grid.resolution), alone)
     tiles = list(grid.tiles(parameters.tile_size))
     for tile in tiles:
-        height, count, spread = _fuse_tile(stored, grid, tile, heights, parameters)
+        height, count, spread, agreed = _fuse_tile(stored, grid, tile, heights, parameters)
         height[count < parameters.min_count] = np.nan
-        specks.add(tile, height, count)
+        specks.add(tile, height, agreed)
         _store(level, tile, height, count, spread)
     specks.finish()
     for tile in tiles:
@@ -189,19 +190,29 @@ class _Pairs:
 
 def _fuse_tile(
     pairs: _Pairs, grid: Grid, tile: Tile, heights: tuple[float, float], parameters: SurfaceParameters
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Height, count, spread; and the cells that two pairs, or one at a small angle, vouch for."""
     part = grid.window(*tile.core)
     numbers = pairs.reaching(part)
     height, trust, precision = np.empty((3, len(numbers), *part.shape), np.float32)
+    highest = []  # Heights, metres, below which each pair meets at a small angle.
     found = 0
     for number in numbers:
         pair = pairs.load(number)
         seen = grid_pair(pair, grid, heights, window=tile.core, least_confidence=parameters.least_confidence)
         if seen is not None and np.isfinite(seen[0]).any():
             height[found], trust[found] = seen
-            precision[found] = pair.rectification.height_precision(seen[0])
+            r = pair.rectification
+            precision[found] = r.height_precision(seen[0])
+            highest.append(r.centre[2] - r.base / math.tan(math.radians(parameters.single_angle)))
             found += 1
-    return fuse_pairs(height[:found], trust[:found], precision[:found], tolerance=parameters.tolerance)
+    fused, count, spread = fuse_pairs(
+        height[:found], trust[:found], precision[:found], tolerance=parameters.tolerance
+    )
+    agreed = count >= 2
+    for own, limit in zip(height[:found], highest, strict=True):
+        agreed |= (np.abs(own - fused) <= parameters.tolerance) & (own <= limit)
+    return fused, count, spread, agreed
 
 
 def _store(level: Level, tile: Tile, height: np.ndarray, count: np.ndarray, spread: np.ndarray) -> None:

@@ -15,19 +15,19 @@ def remove_specks(
     least_cells: float,
     step: float,
     *,
-    count: np.ndarray | None = None,
+    agreed: np.ndarray | None = None,
     least_alone: float = 0.0,
     tile_size: int = 4096,
 ) -> None:
     """Empty, in place, connected patches of fewer cells; neighbours within a step (metres) connect.
 
-    With the ``count`` of pairs, patches that hold fewer than ``least_cells`` cells of two pairs need
+    With ``agreed`` (bool), patches that hold fewer than ``least_cells`` cells that are vouched for need
     ``least_alone`` cells.
     """
     finder = SpeckFinder(height.shape, least_cells, step, least_alone)
     parts = list(tiles(height.shape, size=tile_size))
     for tile in parts:
-        finder.add(tile, height[tile.core], None if count is None else count[tile.core])
+        finder.add(tile, height[tile.core], None if agreed is None else agreed[tile.core])
     finder.finish()
     for tile in parts:
         finder.clean(tile, height[tile.core])
@@ -49,7 +49,7 @@ class SpeckFinder:
     step: float
     """Neighbours within this difference, metres, belong to one patch."""
     least_alone: float = 0.0
-    """Patches with fewer than ``least_cells`` cells that two pairs agree on are specks below this size."""
+    """Patches with fewer than ``least_cells`` cells that are vouched for are specks below this size."""
     _sizes: list[int] = field(default_factory=list)
     _agreed: list[int] = field(default_factory=list)
     _parents: list[int] = field(default_factory=list)
@@ -57,19 +57,19 @@ class SpeckFinder:
     _rows: dict[int, tuple[np.ndarray, np.ndarray]] = field(default_factory=dict)
     _columns: dict[int, tuple[np.ndarray, np.ndarray]] = field(default_factory=dict)
 
-    def add(self, tile: Tile, height: np.ndarray, count: np.ndarray | None = None) -> None:
+    def add(self, tile: Tile, height: np.ndarray, agreed: np.ndarray | None = None) -> None:
         """Look at a tile (tiles come row by row); its inner specks are emptied in place.
 
-        Without a count every cell is taken to be agreed on.
+        Without ``agreed`` (bool) every cell is taken to be vouched for.
         """
         if max(self.least_cells, self.least_alone) <= 1:
             return
         rows, columns = tile.core
         labels = patches(height, self.step)
         sizes = np.bincount(labels.ravel())
-        agreed = sizes
-        if count is not None:
-            agreed = np.bincount(labels.ravel(), weights=(count >= 2).ravel()).astype(np.int64)
+        sure = sizes
+        if agreed is not None:
+            sure = np.bincount(labels.ravel(), weights=agreed.ravel()).astype(np.int64)
         sides = (
             (rows.start > 0, np.s_[0, :]),
             (rows.stop < self.shape[0], np.s_[-1, :]),
@@ -78,13 +78,13 @@ class SpeckFinder:
         )
         rims = [np.zeros(1, np.int64), *(labels[side].astype(np.int64) for inner, side in sides if inner)]
         shared = np.unique(np.concatenate(rims))[1:]
-        small = self._is_speck(sizes, agreed)
+        small = self._is_speck(sizes, sure)
         small[0] = False
         small[shared] = False
         height[small[labels]] = np.nan
         first = len(self._sizes)
         self._sizes.extend(int(n) for n in sizes[shared])
-        self._agreed.extend(int(n) for n in agreed[shared])
+        self._agreed.extend(int(n) for n in sure[shared])
         self._parents.extend(range(first, first + len(shared)))
         names = np.full(len(sizes), -1, np.int64)
         names[shared] = first + np.arange(len(shared))
