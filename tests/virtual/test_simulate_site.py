@@ -22,6 +22,7 @@ from workbench.site import check_site, load_site
 from workbench.vectors import read_vector
 from workbench.virtual import load_scene, simulate_scene
 from workbench.virtual.stage import flight_of
+from workbench.virtual.world import Cover
 
 POND = Path(__file__).with_name("pond.yaml")
 QUICK = Parameters(simulate={"truth_resolution": 0.25, "supersampling": 3})
@@ -202,11 +203,24 @@ def test_another_seed_gives_another_survey(site, tmp_path):
     )
 
 
-def test_near_infrared_arrives_as_a_fourth_band(tmp_path):
-    parameters = Parameters(simulate={"near_infrared": True, "truth_resolution": 0.5, "supersampling": 1})
+def test_near_infrared_arrives_as_a_fourth_band_and_truth_beside_every_photograph(tmp_path):
+    parameters = Parameters(
+        simulate={
+            "near_infrared": True,
+            "truth_resolution": 0.5,
+            "supersampling": 1,
+            "truth_per_photograph": True,
+        }
+    )
     short = {"gsd": 0.2, "reduction": 16}
     site = simulate_scene(POND, tmp_path, parameters, flight_overrides=short)
     photo = site.photographs[2]
+    seen = np.load(site.folder / "truth" / "photographs" / f"{Path(photo.name).stem}.npz")
+    frame = read_photograph(photo.path).shape[:2]
+    assert seen["depth"].shape == seen["cover"].shape == seen["tree_id"].shape == frame
+    assert set(np.unique(seen["cover"])) <= {cover.value for cover in Cover}
+    trees = np.isin(seen["cover"], (Cover.BROADLEAF.value, Cover.CONIFER.value, Cover.DEAD_TREE.value))
+    assert np.array_equal(seen["tree_id"] > 0, trees)
     pixels = read_photograph(photo.path)
     assert photo.path.suffix == ".tif" and pixels.shape[2] == 4 and photo.bands == 4
     facts = read_facts(photo.path)
