@@ -116,6 +116,44 @@ def test_gross_control_point_is_named_and_left_out(virtual_block):
     assert rms(rows, "check")[0] <= 2 * GSD
 
 
+def test_gross_control_point_of_decimetres_is_found_once_the_block_is_adjusted(virtual_block):
+    """One rough point among the control hides it from the first comparison, of free block and survey."""
+    block = virtual_block(control=6, surveyed=12)
+    rough = [replace(p, sd_xy=0.1, sd_z=0.1) if p.name == "P0" else p for p in block.site.control]
+    wrong = tuple(replace(p, x=p.x + 0.3) if p.name == "P1" else p for p in rough)
+    fixed = georeference(block.model, replace(without_positions(block.site), control=wrong), OFFSET, OPTIONS)
+    assert fixed.gross == ("P1",)
+    assert rms(fixed.residuals(block.model), "check")[0] <= 2 * GSD
+
+
+def test_where_the_others_cannot_tell_a_doubtful_point_is_named_and_used(virtual_block):
+    """Three others fit whatever they are: none of four can be called wrong."""
+    block = virtual_block(control=4, surveyed=12)
+    wrong = tuple(replace(p, z=p.z + 0.8) if p.name == "P1" else p for p in block.site.control)
+    fixed = georeference(block.model, replace(without_positions(block.site), control=wrong), OFFSET, OPTIONS)
+    assert fixed.gross == ()
+    assert len(fixed.control) == 4
+    assert any("fits badly" in warning for warning in fixed.warnings())
+
+
+def test_good_points_are_neither_left_out_nor_doubted(virtual_block):
+    for seed in range(4):
+        block = virtual_block(control=6, surveyed=12, seed=seed)
+        fixed = georeference(block.model, without_positions(block.site), OFFSET, OPTIONS)
+        assert (fixed.gross, fixed.doubtful) == ((), "")
+
+
+def test_one_point_with_swapped_axes_is_named_and_no_line_is_seen(virtual_block):
+    """Thousands of kilometres away, it makes all others look like one place."""
+    block = virtual_block(control=6, surveyed=12)
+    swapped = tuple(replace(p, x=p.y, y=p.x) if p.name == "P3" else p for p in block.site.control)
+    free_frame(block)
+    site = replace(without_positions(block.site), control=swapped)
+    fixed = georeference(block.model, site, OFFSET, OPTIONS)
+    assert fixed.gross == ("P3",)
+    assert rms(fixed.residuals(block.model), "check")[0] <= 2 * GSD
+
+
 def test_points_on_a_line_are_refused(virtual_block):
     block = virtual_block()
     control = tuple(p for p in block.site.control)

@@ -4,8 +4,8 @@ import numpy as np
 import pandas as pd
 import pycolmap
 import pytest
-from conftest import GSD, OFFSET  # type: ignore[import-not-found]
 
+from conftest import GSD, OFFSET  # type: ignore[import-not-found]
 from workbench.errors import OrientationError
 from workbench.orientation.georeference import georeference
 from workbench.orientation.optimise import (
@@ -18,7 +18,7 @@ from workbench.params import OrientParameters
 
 THRESHOLDS = (60.0, 30.0, 10.0, 4.0, 2.0, 1.5, 1.0, 0.8, 0.6, 0.4, 0.2)
 # All outliers stay until the optimisation removes them.
-OPTIONS = OrientParameters(threads=1, max_reprojection_error=100)
+OPTIONS = OrientParameters(threads=1, max_reprojection_error=100, optimise=True)
 
 
 @pytest.fixture
@@ -68,6 +68,17 @@ def test_search_ends_where_photographs_are_lost(optimised):
     assert "would lose" in result.stopped
     assert result.trials[-1].threshold > THRESHOLDS[-1]
     assert result.model.num_reg_images() == 18
+
+
+def test_a_list_that_ends_too_early_is_continued(virtual_block):
+    """The best of a list that ends above the noise is its strictest: the search goes on until it is not."""
+    block = virtual_block(outliers=0.05, surveyed=20, control=4, disturb=0.05)
+    fixed = georeference(block.model, block.site, OFFSET, OPTIONS)
+    result = optimise_tie_points(block.model, fixed.adjust, fixed.residuals, thresholds=(60.0, 10.0))
+    thresholds = [trial.threshold for trial in result.trials]
+    assert thresholds[:4] == [60.0, 10.0, 7.0, 4.9]
+    assert result.threshold < 10
+    assert result.is_interior
 
 
 def test_input_model_is_not_changed(virtual_block):

@@ -10,6 +10,7 @@ import numpy as np
 import pycolmap
 
 from workbench.errors import OrientationError
+from workbench.orientation.tie_points import project_with_derivative
 from workbench.site import ControlPoint, Observation
 
 _LEAST_CONTROL = 3
@@ -119,12 +120,12 @@ def align_to_control(
             f"{_LEAST_CONTROL} are needed to fix a block. Measure more, or use recorded positions."
         )
     src, tgt = np.array(source), np.array(target)
-    spread = np.linalg.svd(tgt - tgt.mean(axis=0), compute_uv=False)
-    if spread[1] < _COLLINEAR * spread[0]:
+    keep = _consistent(src, tgt, np.array(tolerance))
+    # After what is far off, or one point in another zone would make the others look like a line.
+    if _on_a_line(tgt[keep]):
         raise OrientationError(
             f"Control points {', '.join(names)} lie on a line: the block could turn about it. Add one beside."
         )
-    keep = _consistent(src, tgt, np.array(tolerance))
     fit = _umeyama(src[keep], tgt[keep])
     model.transform(fit)
     return tuple(name for name, good in zip(names, keep, strict=True) if not good)
@@ -161,6 +162,50 @@ def residuals(
     return rows
 
 
+def worst_fitting(
+    model: pycolmap.Reconstruction,
+    rows: Sequence[PointResidual],
+    points: Sequence[ControlPoint],
+    measured: Mapping[str, list[tuple[str, float, float]]],
+    *,
+    observation_sd: float,
+) -> tuple[str, float]:
+    """The control point that fits worst after an adjustment, and its residual in standard deviations.
+
+    The standard deviations are those of the survey and of the image measurements, by which the rays to the
+    point meet where they do; those of the poses are not counted.
+
+    Parameters
+    ----------
+    rows
+        Of :func:`residuals`.
+    points
+        Control points in the adjustment, at least one.
+    observation_sd
+        Of an image position, px.
+    """
+    by_name = {row.name: row for row in rows}
+    found = ("", -1.0)
+    for point in points:
+        row = by_name[point.name]
+        estimate = triangulate(model, measured[point.name])
+        if estimate is None or row.role == "unused":
+            continue
+        normal = np.zeros((3, 3))
+        for photo, _, _ in measured[point.name]:
+            image = model.find_image_with_name(photo)
+            if image is not None and image.has_pose:
+                _, design = project_with_derivative(image, estimate[None])
+                normal += design[0].T @ design[0]
+        covariance = np.diag(np.square([point.sd_xy, point.sd_xy, point.sd_z]))
+        covariance += observation_sd**2 * np.linalg.inv(normal)
+        difference = np.array([row.dx, row.dy, row.dz])
+        sds = float(np.sqrt(difference @ np.linalg.solve(covariance, difference)))
+        if sds > found[1]:
+            found = (point.name, sds)
+    return found
+
+
 def rms(rows: Sequence[PointResidual], role: str) -> tuple[float | None, float | None]:
     """Root mean square horizontal (of the length) and vertical residual, metres; None without points."""
     chosen = [row for row in rows if row.role == role]
@@ -190,8 +235,7 @@ def _consistent(source: np.ndarray, target: np.ndarray, tolerance: np.ndarray) -
         for k in np.flatnonzero(keep):
             rest = keep.copy()
             rest[k] = False
-            spread = np.linalg.svd(target[rest] - target[rest].mean(axis=0), compute_uv=False)
-            if spread[1] < _COLLINEAR * spread[0]:
+            if _on_a_line(target[rest]):
                 continue
             error = _misfit(source, target, rest)[rest].max()
             if error < best_rest:
@@ -202,6 +246,11 @@ def _consistent(source: np.ndarray, target: np.ndarray, tolerance: np.ndarray) -
             break
         keep[worst] = False
     return keep
+
+
+def _on_a_line(points: np.ndarray) -> bool:
+    spread = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)
+    return bool(spread[1] < _COLLINEAR * spread[0])
 
 
 def _misfit(source: np.ndarray, target: np.ndarray, keep: np.ndarray) -> np.ndarray:

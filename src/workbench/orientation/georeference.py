@@ -3,18 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pycolmap
 
 from workbench.orientation.adjust import adjust, drop_outliers, focal_length_is_visible
-from workbench.orientation.control import PointResidual, align_to_control, by_point, residuals
+from workbench.orientation.control import PointResidual, align_to_control, by_point, residuals, worst_fitting
 from workbench.params import OrientParameters
 from workbench.site import ControlPoint, Site
 
 _LEAST_CONTROL = 3
 _LEAST_PLACED = 3
+_STANDS_OUT = 3.0  # Standard deviations.
+_GROSS = 5.0  # Times the residual of the worst of the others, once they are alone.
 _ROUNDS = 2  # Outliers hide others; more rounds eat into the good ones.
 
 
@@ -40,6 +42,8 @@ class Georeference:
     """What lets the block see its focal length, or hides it."""
     visible: bool
     """Whether the block can see its focal length."""
+    doubtful: str = ""
+    """Control point that fits badly, and how badly, where the others do not tell whether it is wrong."""
 
     def adjust(self, model: pycolmap.Reconstruction) -> None:
         """Adjust the bundle in place."""
@@ -57,9 +61,24 @@ class Georeference:
         """Residual of every surveyed point of the site."""
         return residuals(model, self.site.control, self.measured, self.offset, unused=self.gross)
 
+    def worst_fitting(self, model: pycolmap.Reconstruction) -> tuple[str, float]:
+        """The control point that fits worst, and its residual in standard deviations."""
+        return worst_fitting(
+            model,
+            self.residuals(model),
+            self.control,
+            self.measured,
+            observation_sd=self.options.observation_sd,
+        )
+
     def warnings(self) -> list[str]:
         """What the user should know of the way the block is fixed."""
         found = [f"Control point {name} does not fit the others and is not used." for name in self.gross]
+        if self.doubtful:
+            found.append(
+                f"A control point fits badly, {self.doubtful}: look at its coordinates and measurements. It "
+                "is used, as the others are too few or too rough to say that it is wrong."
+            )
         if not self.visible and not self.control:
             found.append(
                 f"Heights rest on the focal length of the camera table: {self.focal_length_reason}, and "
@@ -79,7 +98,9 @@ def georeference(
     """Place and adjust a model in place, in the site's CRS minus ``offset``.
 
     A similarity onto the control points comes first where there are three of them (robust: points
-    that contradict the others are named and left out), then the weighted adjustment.
+    that contradict the others are named and left out), then the weighted adjustment. A free block bends,
+    so that an error of decimetres shows only after it: where a point stands out, the adjustment is tried
+    without it.
 
     Raises
     ------
@@ -104,4 +125,22 @@ def georeference(
         if not drop_outliers(model, options.max_reprojection_error, sds):
             break
         result.adjust(model)
-    return result
+    return _without_gross_points(result, model)
+
+
+def _without_gross_points(fixed: Georeference, model: pycolmap.Reconstruction) -> Georeference:
+    """Leave out, one by one, control points that fit badly and without which the others fit much better."""
+    while fixed.control:
+        name, misfit = fixed.worst_fitting(model)
+        if misfit < _STANDS_OUT:
+            break
+        rest = tuple(point for point in fixed.control if point.name != name)
+        without = replace(fixed, control=rest, gross=(*fixed.gross, name))
+        trial = pycolmap.Reconstruction(model)
+        if len(rest) > _LEAST_CONTROL:  # Three fit whatever they are.
+            without.adjust(trial)
+        if len(rest) <= _LEAST_CONTROL or misfit < _GROSS * without.worst_fitting(trial)[1]:
+            return replace(fixed, doubtful=f"{name} by {misfit:.1f} standard deviations")
+        without.adjust(model)
+        fixed = without
+    return fixed

@@ -15,6 +15,8 @@ from workbench.orientation.tie_points import tie_points
 from workbench.params import OrientParameters
 
 _DEFAULTS = OrientParameters()
+_CONTINUE = 0.7  # About the square root of a half: two steps halve the threshold, as in the usual lists.
+_WORSE = 2  # Thresholds in a row: one alone may be worse by chance.
 _ROLES = ("control", "check", "verify")
 
 
@@ -42,14 +44,15 @@ class Optimisation:
     model: pycolmap.Reconstruction
     """The adjusted model at the chosen threshold."""
     trials: tuple[Trial, ...]
-    """Thresholds in descending order, as far as no photograph was lost."""
+    """Thresholds in descending order, as far as no photograph was lost; stricter ones than asked for come
+    last, where the strictest of those was the best."""
     best: int
     """Index of the chosen trial."""
     cross_validated_error: float
     """Root mean square of the checkpoints' spatial residuals, metres, each at the threshold that the other
     parts of them choose: what the optimised error would be without having been optimised."""
     stopped: str
-    """Why no stricter threshold was tried; empty if all were."""
+    """Which photographs a stricter threshold would lose; empty if the search ended with a larger error."""
 
     @property
     def threshold(self) -> float:
@@ -102,8 +105,9 @@ def optimise_tie_points(
 
     First tie points of high reconstruction uncertainty go, then those of poor projection accuracy,
     then those beyond each threshold in turn, each followed by a bundle adjustment. After each
-    threshold the checkpoints are measured. The search ends when a photograph would keep fewer than
-    ``least_tie_points``.
+    threshold the checkpoints are measured. If the last two thresholds are not both worse than the best,
+    the list was too short: the search goes on, each threshold 0.7 times the one before, until they are.
+    It ends when a photograph would keep fewer than ``least_tie_points``.
 
     The smallest error of several is too good to report. The error without that gain comes from
     ``folds`` parts of the checkpoints (leave-one-out if there are fewer points): each is measured at
@@ -142,7 +146,9 @@ def optimise_tie_points(
             current = filtered
     trials: list[Trial] = []
     best = current
-    for threshold in sorted(thresholds, reverse=True):
+    pending = sorted(thresholds, reverse=True)
+    while pending:
+        threshold = pending.pop(0)
         filtered, lost = filter_tie_points(current, "reprojection_error", threshold, scales, least_tie_points)
         if lost:
             stopped = f"{threshold:g} px would lose {', '.join(lost)}"
@@ -152,10 +158,11 @@ def optimise_tie_points(
         trials.append(Trial(threshold, current.num_points3D(), tuple(measure(current))))
         if trials[-1].check_error == min(trial.check_error for trial in trials):
             best = pycolmap.Reconstruction(current)
+        if not pending and _is_open(trials):
+            pending = [_stricter(threshold)]
     if not trials:
         raise OrientationError(f"Tie points cannot be optimised: {stopped}. Give larger orient.thresholds.")
-    chosen = int(np.argmin([trial.check_error for trial in trials]))
-    return Optimisation(best, tuple(trials), chosen, _cross_validate(trials, folds), stopped)
+    return Optimisation(best, tuple(trials), _best_of(trials), _cross_validate(trials, folds), stopped)
 
 
 def filter_tie_points(
@@ -211,6 +218,21 @@ def summarise_repetitions(table: pd.DataFrame) -> pd.DataFrame:
                 row[f"{role}_{axis}_mean_m"] = float(values.mean())
                 row[f"{role}_{axis}_sd_m"] = float(values.std(ddof=1))
     return pd.DataFrame([row])
+
+
+def _best_of(trials: Sequence[Trial]) -> int:
+    return int(np.argmin([trial.check_error for trial in trials]))
+
+
+def _is_open(trials: Sequence[Trial]) -> bool:
+    """Whether stricter thresholds may be better: one of the last is as good as the best."""
+    errors = [trial.check_error for trial in trials]
+    return min(errors[-_WORSE:]) <= min(errors)
+
+
+def _stricter(threshold: float) -> float:
+    """The next threshold, with two digits; tie points run out long before it is zero."""
+    return float(f"{_CONTINUE * threshold:.2g}")
 
 
 def _cross_validate(trials: Sequence[Trial], folds: int) -> float:
