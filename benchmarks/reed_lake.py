@@ -186,9 +186,10 @@ def at_true_places(site: Site, table: pd.DataFrame) -> pd.DataFrame:
     return joined.assign(x=joined.x + joined.dx, y=joined.y + joined.dy).drop(columns=["dx", "dy"])
 
 
-def like(model: ReedModel, dsm: xr.DataArray) -> ReedModel:
+def like(model: ReedModel, dsm: xr.DataArray, spread: xr.DataArray | None = None) -> ReedModel:
     """The same lake with another surface."""
-    return ReedModel(dsm, model.water_level, model.shoreline, areas=model.areas, transects=model.transects)
+    places = {"areas": model.areas, "transects": model.transects}
+    return ReedModel(dsm, model.water_level, model.shoreline, spread=spread, **places)
 
 
 def cut_out(model: ReedModel, margin: float = 15.0) -> ReedModel:
@@ -197,8 +198,13 @@ def cut_out(model: ReedModel, margin: float = 15.0) -> ReedModel:
     x, y = model.dsm.x.values, model.dsm.y.values
     columns = (x > west - margin) & (x < east + margin)
     rows = (y > south - margin) & (y < north + margin)
-    part = model.dsm.isel(x=columns.nonzero()[0], y=rows.nonzero()[0])
-    return like(model, part.rio.write_transform(part.rio.transform(recalc=True)))
+    parts = [
+        None if layer is None else layer.isel(x=columns.nonzero()[0], y=rows.nonzero()[0])
+        for layer in (model.dsm, model.spread)
+    ]
+    return like(
+        model, *(p if p is None else p.rio.write_transform(p.rio.transform(recalc=True)) for p in parts)
+    )
 
 
 def coarser(dsm: xr.DataArray, resolution: float) -> xr.DataArray:

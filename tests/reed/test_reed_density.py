@@ -136,3 +136,30 @@ def test_extent_in_another_crs_is_moved_and_without_one_refused():
 def test_cells_smaller_than_pixels_are_refused(ohm):
     with pytest.raises(ReedError, match="smaller than the pixels"):
         cell_statistics(ohm, cell_size=0.1)
+
+
+def test_spread_adds_the_variance_within_pixels() -> None:
+    """Heights of many pairs, ten a pixel: their variance in a cell is found from mean and spread alone."""
+    rng = np.random.default_rng(3)
+    heights = 2.0 + rng.normal(0, 0.2, (1, 40, 40)) + rng.normal(0, 0.3, (10, 40, 40))
+    mean, spread = heights.mean(axis=0), heights.std(axis=0)
+    aligned = {"resolution": 0.25, "west": 400000.0, "north": 5300000.0}
+    found = cell_statistics(raster(mean, **aligned), spread=raster(spread, **aligned))
+    inside = heights.reshape(10, 10, 4, 10, 4)
+    np.testing.assert_allclose(found.variance, inside.var(axis=(0, 2, 4)), rtol=1e-5)
+    np.testing.assert_allclose(found.mean, inside.mean(axis=(0, 2, 4)), rtol=1e-6)
+
+
+def test_pixels_without_a_spread_add_none() -> None:
+    ohm = raster(np.full((40, 40), 2.0))
+    gaps = raster(np.full((40, 40), np.nan))
+    assert np.all(cell_statistics(ohm, spread=gaps).variance == 0)
+    holes = ohm.copy(data=np.where(np.arange(40) < 20, np.nan, ohm.values))
+    spread = raster(np.full((40, 40), 0.5))
+    variance = cell_statistics(holes, spread=spread).variance
+    np.testing.assert_allclose(variance[np.isfinite(variance)], 0.25, rtol=1e-6)
+
+
+def test_spread_of_other_pixels_is_refused() -> None:
+    with pytest.raises(ReedError, match="other pixels"):
+        cell_statistics(raster(np.ones((40, 40))), spread=raster(np.ones((20, 20))))

@@ -303,7 +303,7 @@ def _of_area(
     model: ReedModel, ortho: xr.DataArray | None, area: str | None
 ) -> tuple[ReedModel, xr.DataArray | None]:
     """A model of its own for every panel, of the whole surface or of one area and a margin."""
-    areas, transects, dsm = model.areas, model.transects, model.dsm
+    areas, transects, dsm, spread = model.areas, model.transects, model.dsm, model.spread
     if area is not None:
         if areas is None or area not in set(areas.aoi):
             known = "none" if areas is None else ", ".join(areas.aoi)
@@ -312,8 +312,10 @@ def _of_area(
         transects = None if transects is None else transects[transects.aoi == area]
         bounds = shapely.buffer(shapely.box(*areas.total_bounds), _MARGIN, join_style="mitre").bounds
         dsm = _clipped(dsm, bounds)
+        spread = None if spread is None else _clipped(spread, bounds)
         ortho = None if ortho is None else _clipped(ortho, bounds)
-    return ReedModel(dsm, model.water_level, model.shoreline, areas=areas, transects=transects), ortho
+    part = ReedModel(dsm, model.water_level, model.shoreline, areas=areas, transects=transects, spread=spread)
+    return part, ortho
 
 
 def _clipped(raster: xr.DataArray, bounds: tuple[float, float, float, float]) -> xr.DataArray:

@@ -81,6 +81,13 @@ class ReedParameters(Section):
         unit="-",
         source="QGIS zonal statistics",
     )
+    cell_spread: bool = parameter(
+        True,
+        "The variance of a cell is that of all measured heights: the surface's, plus the squared spread of "
+        "the pairs of photographs, where the surface comes with it; off: of the surface alone.",
+        unit="-",
+        source="reed 2.5.3 after its [23], which takes all points of the cloud; a median keeps one of them",
+    )
     cell_known: float = parameter(
         0.5,
         "A cell is unknown if less than this share of it has a height.",

@@ -45,6 +45,7 @@ class CellStatistics:
 def cell_statistics(
     ohm: xr.DataArray,
     *,
+    spread: xr.DataArray | None = None,
     cell_size: float = _DEFAULTS.cell_size,
     weights: Weights = _DEFAULTS.cell_weights,
     variance: Variance = _DEFAULTS.cell_variance,
@@ -55,10 +56,17 @@ def cell_statistics(
     Cells and pixels share their axes, so that the area of a pixel in a cell is a product of two lengths:
     sums over cells are two small sparse matrix products.
 
+    A surface fused from many pairs of photographs keeps one height a pixel and leaves out how far the pairs
+    disagree, which between stems and gaps is most of what the variance is meant to tell. With their spread,
+    the variance of a cell is that of all measured heights: the variance between pixels plus the mean variance
+    within them.
+
     Parameters
     ----------
     ohm
         Heights (y, x), m.
+    spread
+        Standard deviation of the heights measured in every pixel, on the same pixels, m; NaN counts as 0.
     cell_size
         Edge of a cell, m.
     weights
@@ -72,9 +80,13 @@ def cell_statistics(
     Raises
     ------
     ReedError
-        If a cell is smaller than a pixel.
+        If a cell is smaller than a pixel, or the spread lies on other pixels.
     """
     pixels = Grid.of(ohm)
+    if spread is not None and Grid.of(spread) != pixels:
+        raise ReedError(
+            "The spread of the surface lies on other pixels than its heights: give it on the same."
+        )
     if not cell_size >= pixels.resolution * (1 - 1e-9):
         raise ReedError(
             f"Density cells of {cell_size} m are smaller than the pixels of {pixels.resolution:g} m."
@@ -82,7 +94,7 @@ def cell_statistics(
     cells = Grid.from_bounds(pixels.crs, _inward(pixels), cell_size)
     across = _lengths(pixels.west - cells.west, pixels, pixels.width, cell_size, cells.width, weights)
     down = _lengths(cells.north - pixels.north, pixels, pixels.height, cell_size, cells.height, weights)
-    sums = np.zeros((3, *cells.shape))
+    sums = np.zeros((4, *cells.shape))
     for top in range(0, cells.height, band):
         rows = slice(top, min(top + band, cells.height))
         part = down[rows]
@@ -94,17 +106,21 @@ def cell_statistics(
         known = np.isfinite(heights)
         filled = np.where(known, heights, 0.0)
         part = part[:, first:last]
-        for index, layer in enumerate((known.astype(np.float64), filled, filled * filled)):
+        layers = [known.astype(np.float64), filled, filled * filled]
+        if spread is not None:
+            within = np.nan_to_num(spread.values[first:last].astype(np.float64))
+            layers.append(np.where(known, within * within, 0.0))
+        for index, layer in enumerate(layers):
             sums[index, rows] = (across @ (part @ layer).T).T
-    area, total, squares = sums
+    area, total, squares, within_pixels = sums
     with np.errstate(invalid="ignore", divide="ignore"):
         mean = np.where(area > 0, total / area, np.nan)
-        spread = np.maximum(squares / area - mean**2, 0.0)
+        between = np.maximum(squares / area - mean**2, 0.0)
         if variance == "sample":
             count = area / pixels.resolution**2
-            spread = np.where(count > 1 + 1e-9, spread * count / (count - 1), np.nan)
-    spread = np.where(area > 0, spread, np.nan)
-    return CellStatistics(cells, mean, spread, area / cell_size**2)
+            between = np.where(count > 1 + 1e-9, between * count / (count - 1), np.nan)
+        found = np.where(area > 0, between + within_pixels / area, np.nan)
+    return CellStatistics(cells, mean, found, area / cell_size**2)
 
 
 def density_cells(
@@ -114,6 +130,7 @@ def density_cells(
     variance: float = _DEFAULTS.variance_cut,
     mean_height: float = _DEFAULTS.mean_cut,
     *,
+    spread: xr.DataArray | None = None,
     weights: Weights = _DEFAULTS.cell_weights,
     divisor: Variance = _DEFAULTS.cell_variance,
     min_known: float = _DEFAULTS.cell_known,
@@ -130,7 +147,7 @@ def density_cells(
         Edge of a cell, m.
     variance, mean_height
         Sparse is a cell with a variance above (m²) and a mean below (m); on a cut it is dense.
-    weights, divisor
+    spread, weights, divisor
         See :func:`cell_statistics`.
     min_known
         Cells with heights on less than this share are unknown, 0..1.
@@ -147,7 +164,7 @@ def density_cells(
     ReedError
         If a cell is smaller than a pixel, or the extent is a frame without CRS.
     """
-    statistics = cell_statistics(ohm, cell_size=cell_size, weights=weights, variance=divisor)
+    statistics = cell_statistics(ohm, spread=spread, cell_size=cell_size, weights=weights, variance=divisor)
     area = reed_area(Grid.of(ohm), extent, statistics.grid)
     return classify_cells(statistics, area, variance=variance, mean_height=mean_height, min_known=min_known)
 

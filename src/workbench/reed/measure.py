@@ -85,6 +85,9 @@ class ReedModel:
         Areas of interest, polygons with ``aoi``; None: the whole lakeshore.
     transects
         Lines with ``aoi`` and ``transect``; None: sections of equal length along the smoothed shore.
+    spread
+        Standard deviation of the measured heights in every pixel of the surface, m, for the variance of
+        cells; None: it is that of the surface alone.
 
     Raises
     ------
@@ -100,8 +103,10 @@ class ReedModel:
         *,
         areas: gpd.GeoDataFrame | None = None,
         transects: gpd.GeoDataFrame | None = None,
+        spread: xr.DataArray | None = None,
     ) -> None:
         self.dsm = dsm
+        self.spread = spread
         self.grid = Grid.of(dsm)
         self.water_level = water_level
         self.shoreline = shoreline
@@ -143,12 +148,17 @@ class ReedModel:
                 ground=ground,
             ),
         )
-        for_cells = (level, o.cell_size, o.cell_weights, o.cell_variance)
+        spread = self.spread if o.cell_spread else None
+        for_cells = (level, o.cell_size, o.cell_weights, o.cell_variance, spread is not None)
         statistics = self._step(
             "statistics",
             for_cells,
             lambda: cell_statistics(
-                ohm, cell_size=o.cell_size, weights=o.cell_weights, variance=o.cell_variance
+                ohm,
+                spread=spread,
+                cell_size=o.cell_size,
+                weights=o.cell_weights,
+                variance=o.cell_variance,
             ),
         )
         area = self._step(
@@ -275,10 +285,12 @@ def measure_reed(
     *,
     areas: gpd.GeoDataFrame | None = None,
     transects: gpd.GeoDataFrame | None = None,
+    spread: xr.DataArray | None = None,
     options: ReedParameters | None = None,
 ) -> ReedMetrics:
     """Measure a surface once; see :class:`ReedModel`."""
-    return ReedModel(dsm, water_level, shoreline, areas=areas, transects=transects).measure(options)
+    model = ReedModel(dsm, water_level, shoreline, areas=areas, transects=transects, spread=spread)
+    return model.measure(options)
 
 
 def _in_grid(frame: gpd.GeoDataFrame, grid: Grid, what: str, column: str) -> gpd.GeoDataFrame:

@@ -53,8 +53,7 @@ def reed_site(site: Site, parameters: Parameters) -> dict:
         stage.metrics["areas"] = _by_area(metrics)
         _compare(site, metrics, options, stage)
         if options.draws:
-            spread = site.products / FOLDERS["surface"] / "spread.tif"
-            drawn = propagate(model, options, spread=read_raster(spread) if spread.exists() else None)
+            drawn = propagate(model, options, spread=model.spread)
             _write_table(drawn.summary, stage.path("uncertainty.csv"))
             _write_table(drawn.sections, stage.path("section_uncertainty.csv"))
             stage.metrics["uncertainty"] = drawn.summary.set_index("metric").to_dict("index")
@@ -63,7 +62,7 @@ def reed_site(site: Site, parameters: Parameters) -> dict:
 
 
 def load_model(site: Site, options: ReedParameters | None = None) -> ReedModel:
-    """Surface, water level, shoreline, areas and transects of a site, ready to be measured.
+    """Surface, its spread, water level, shoreline, areas and transects of a site, ready to be measured.
 
     Raises
     ------
@@ -76,6 +75,7 @@ def load_model(site: Site, options: ReedParameters | None = None) -> ReedModel:
     surface = site.products / FOLDERS["surface"] / "dsm.tif"
     if not surface.exists():
         raise ReedError(f"{surface}: missing. Run `workbench surface --site {site.name}` first.")
+    spread = surface.with_name("spread.tif")
     transects = site.transects
     dsm = read_raster(surface)
     require_heights(dsm)
@@ -85,6 +85,7 @@ def load_model(site: Site, options: ReedParameters | None = None) -> ReedModel:
         None if site.shoreline is None else read_vector(site.shoreline),
         areas=None if site.areas is None else read_vector(site.areas),
         transects=None if transects is None else read_vector(transects),
+        spread=read_raster(spread) if spread.exists() else None,
     )
 
 

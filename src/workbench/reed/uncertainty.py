@@ -92,6 +92,7 @@ def propagate(
             model.shoreline,
             areas=model.areas,
             transects=model.transects,
+            spread=model.spread,
         )
         shifted = o.model_copy(update={"water_level": float(level or 0.0) + rng.normal(0, o.water_level_sd)})
         metrics = drawn.measure(shifted)
