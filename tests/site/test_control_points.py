@@ -1,5 +1,7 @@
 """Control files, gcp_list.txt, and what the check says of wrong points."""
 
+from dataclasses import replace
+
 import pytest
 from photo_files import write_flight
 from pyproj import CRS, Transformer
@@ -137,6 +139,14 @@ def test_good_points_are_silent(site_with):
 def test_swapped_axes(site_with):
     (text,) = problems(site_with((site_with.y0, site_with.x0, 550)))
     assert text.startswith("error") and "P0" in text and "x and y are swapped" in text
+
+
+def test_one_swapped_point_among_others_makes_no_line(site_with):
+    x, y = site_with.x0, site_with.y0
+    site = site_with((x, y, 550), (x + 150, y, 551), (x, y + 90, 550), (y, x, 552))
+    site = replace(site, photographs=tuple(replace(p, position=None) for p in site.photographs))
+    (text,) = [line for line in problems(site) if line.startswith("error")]
+    assert "P3" in text and "x and y are swapped" in text
 
 
 @pytest.mark.parametrize("zone", [31, 32, 34, 35])

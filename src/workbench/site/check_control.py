@@ -81,8 +81,10 @@ def _numbers(site: Site) -> Iterator[Problem]:
             "three control points fix the block and leave nothing to test them with.",
             "Measure more, some of them with the role check.",
         )
-    xy = np.array([(p.x, p.y) for p in useful])
-    if len(useful) >= 3 and placed < 3 and _on_a_line(xy):
+    # A point in another zone or with swapped axes, named below, would make the others look like a line.
+    crs = None if site.crs is None else CRS.from_user_input(site.crs)
+    xy = np.array([(p.x, p.y) for p in useful if _away_from_area(p, crs) is None])
+    if len(xy) >= 3 and placed < 3 and _on_a_line(xy):
         yield Problem(
             "error",
             file,
