@@ -100,7 +100,10 @@ def virtual_block() -> Callable[..., VirtualBlock]:
             if gnss_sd is not None:
                 sd = (gnss_sd[0], gnss_sd[0], gnss_sd[1])
                 position = tuple(pose.centre + rng.normal(0, 1, 3) * sd)
-            photographs.append(Photograph(name, Path("photos") / name, "cam", position, sd))
+            strip, order = (int(part) for part in name.removesuffix(".jpg").split("_"))
+            photographs.append(
+                Photograph(name, Path("photos") / name, "cam", position, sd, strip=strip, order=order)
+            )
         where = np.stack(np.meshgrid(np.linspace(2, 108, 4), np.linspace(2, 78, -(-surveyed // 4))), -1)
         places = where.reshape(-1, 2)[rng.permutation(where.size // 2)[:surveyed]]
         truth, surveyed_points, observations = {}, [], []

@@ -31,15 +31,6 @@ def errors_of_poses(site, truth: Path) -> np.ndarray:
     return found[["x", "y", "z"]].to_numpy() - true.loc[names, ["x", "y", "z"]].to_numpy()
 
 
-def assert_right_or_named(site, truth: Path, metrics: dict) -> None:
-    """Nearly all poses are right; one that is not is named in the warnings."""
-    off = np.abs(errors_of_poses(site, truth)).max(axis=1)
-    names = pd.read_csv(site.products / "orientation" / "cameras.csv")["photo"]
-    wrong = {name for name, distance in zip(names, off, strict=True) if distance > 0.5}
-    assert len(wrong) <= 1
-    assert all(any(text.startswith(f"{name} lies") for text in metrics["warnings"]) for name in wrong)
-
-
 @pytest.fixture
 def copy(pond, tmp_path):
     """The small site in a root of its own, nothing processed."""
@@ -107,7 +98,7 @@ def test_two_cameras_in_one_block(copy, pond_parameters, tmp_path):
     metrics = orient_site(site, pond_parameters)
     assert metrics["registered"] == len(photographs)
     assert len(metrics["focal_length_px"]) == 2
-    assert_right_or_named(site, copy.truth, metrics)
+    assert np.abs(errors_of_poses(site, copy.truth)).max() < 0.5
 
 
 def test_near_infrared_of_16_bit(copy, pond_parameters, tmp_path):
@@ -126,7 +117,7 @@ def test_near_infrared_of_16_bit(copy, pond_parameters, tmp_path):
     site = replace(copy, photographs=tuple(rows), observations=(), control=())
     metrics = orient_site(site, pond_parameters)
     assert metrics["registered"] == len(rows)
-    assert_right_or_named(site, copy.truth, metrics)
+    assert np.abs(errors_of_poses(site, copy.truth)).max() < 0.5
 
 
 def test_photographs_in_any_order_have_pairs(copy, pond, pond_parameters):

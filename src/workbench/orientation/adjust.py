@@ -10,6 +10,7 @@ import pycolmap
 import pycolmap.cost_functions
 
 from workbench.errors import OrientationError
+from workbench.orientation.attitudes import Turn, recorded_turns
 from workbench.orientation.control import triangulate
 from workbench.orientation.mapping import prior_of
 from workbench.params import OrientParameters
@@ -20,6 +21,7 @@ _RELIEF = 0.2
 _LEAST_FIXED = 3
 _PRIOR_LOSS = 2.8  # Standard deviations; 95 % of good positions (chi-square, 3 degrees of freedom).
 _MOST_ITERATIONS = 50
+_ANYWHERE = 1e6  # Metres: COLMAP's prior of a pose, left free where only its rotation is known.
 _RAYLEIGH_MEDIAN = 1.1774
 # Places in COLMAP's FULL_OPENCV: fx, fy, cx, cy, k1, k2, p1, p2, k3, k4, k5, k6.
 _FOCAL, _PRINCIPAL, _RATIONAL = [0, 1], [2, 3], [9, 10, 11]
@@ -40,9 +42,9 @@ def adjust(
     Lenses get the terms k1, k2, k3, p1, p2 of Brown; the principal point and, unless it is freed, the
     focal length are held.
 
-    Residuals: image positions of tie points and of control points, recorded positions by
-    their standard deviation (robust), surveyed coordinates of control points by theirs. Checkpoints
-    must not be among ``control``.
+    Residuals: image positions of tie points and of control points, recorded positions and turns between
+    photographs by their standard deviations (robust), surveyed coordinates of control points by theirs.
+    Checkpoints must not be among ``control``.
 
     Raises
     ------
@@ -62,9 +64,9 @@ def adjust(
     config = pycolmap.BundleAdjustmentConfig()
     for image_id in sorted(model.reg_image_ids()):
         config.add_image(image_id)
-    priors = (
-        recorded_positions(model, site, offset, parameters) if parameters.georeference != "control" else {}
-    )
+    navigated = parameters.georeference != "control"
+    priors = recorded_positions(model, site, offset, parameters) if navigated else {}
+    turns = recorded_turns(model, site, parameters) if navigated else []
     if max(len(priors), len(added)) < _LEAST_FIXED:
         raise OrientationError(
             f"Site {site.name}: fewer than three recorded positions and fewer than three control points in "
@@ -89,6 +91,12 @@ def adjust(
         loss = pyceres.CauchyLoss(_PRIOR_LOSS * unit)
         kept_alive.append((pose, cost, loss))
         adjuster.problem.add_residual_block(cost, loss, [pose])
+    for turn in turns:
+        numbers = [turn.image] if turn.reference is None else [turn.image, turn.reference]
+        poses = [model.image(number).frame.rig_from_world.params for number in numbers]
+        cost, loss = _turn_cost(turn, unit)
+        kept_alive.append((poses, cost, loss))
+        adjuster.problem.add_residual_block(cost, loss, poses)
     for number, point in added.items():
         place = model.point3D(number).xyz
         target = np.array([point.x, point.y, point.z]) - offset
@@ -99,6 +107,17 @@ def adjust(
     adjuster.solve()
     _remove_control(model, added)
     model.update_point_3d_errors()
+
+
+def _turn_cost(turn: Turn, unit: float) -> tuple[pyceres.CostFunction, pyceres.LossFunction]:
+    """Residual of a recorded rotation: a pose prior of COLMAP that leaves the position free."""
+    covariance = np.diag(np.full(6, _ANYWHERE**2))
+    covariance[:3, :3] = turn.covariance / unit**2
+    prior = pycolmap.Rigid3d(pycolmap.Rotation3d(turn.rotation), np.zeros(3))
+    costs, width = pycolmap.cost_functions, _PRIOR_LOSS * unit
+    if turn.reference is None:  # Another convention of angles would be degrees off: it must lose.
+        return costs.AbsolutePosePriorCost(covariance, prior), pyceres.CauchyLoss(width)
+    return costs.RelativePosePriorCost(covariance, prior), pyceres.HuberLoss(width)
 
 
 def _use_brown_lens(model: pycolmap.Reconstruction) -> None:

@@ -1,8 +1,9 @@
-"""Recorded attitudes, after the turn of each camera against the instrument that recorded them."""
+"""Recorded attitudes: how the photographs of a strip are turned against each other."""
 
 from __future__ import annotations
 
 from collections import defaultdict
+from typing import NamedTuple
 
 import numpy as np
 import pycolmap
@@ -12,56 +13,88 @@ from workbench.cameras import Pose
 from workbench.params import OrientParameters
 from workbench.site import Photograph, Site
 
-_LEAST = 4  # Photographs of a camera: fewer do not tell its mounting from the noise.
-_MOST_SPREAD = 15.0  # Degrees; beyond, the records count from other axes than ours.
+_LEAST = 4  # Photographs of a strip: fewer do not tell the mounting from the noise.
+_MOST_TURNED = 15.0  # Degrees; beyond, the records count from other axes than ours.
 
 
-def recorded_turns(
-    model: pycolmap.Reconstruction, site: Site, parameters: OrientParameters
-) -> dict[int, tuple[np.ndarray, np.ndarray]]:
-    """Rotation and its covariance of every registered image whose attitude was recorded.
+class Turn(NamedTuple):
+    """Recorded rotation of a photograph, by itself or against another one."""
 
-    An instrument is never quite aligned with the camera, and headings have an error of their own: the
-    median turn between adjusted and recorded attitudes of each camera is taken off. What is left says
-    how photographs are turned against each other. A block of several strips knows that far better from
-    its tie points; in a single strip over a narrow ground a progressive roll is hidden by a yaw.
+    image: int
+    """Number of the image."""
+    reference: int | None
+    """Number of the image it is turned against; None for the axes of the site's CRS."""
+    rotation: np.ndarray
+    """(3, 3): camera axes of the image from those of the reference."""
+    covariance: np.ndarray
+    """(3, 3): of small turns about the camera's axes, radians squared."""
+
+
+def recorded_turns(model: pycolmap.Reconstruction, site: Site, parameters: OrientParameters) -> list[Turn]:
+    """Rotations of the photographs of every strip and camera against the one in its middle, and of that one.
+
+    An instrument is never quite aligned with the camera, and headings have an error of their own. In
+    rotations between photographs of one heading they cancel; the attitude of the middle one is only as
+    good as the alignment. A block of several strips knows all this far better from its tie points and
+    positions. In a single strip the roll of the whole is free but for them, and over narrow ground a
+    progressive roll hides behind a yaw.
 
     Parameters
     ----------
     model
         Roughly placed in the site's CRS.
-
-    Returns
-    -------
-    dict
-        By image number: ``camera_from_world`` (3, 3), and covariance (3, 3) of small turns about the
-        camera's axes, radians squared.
     """
     by_name = {photograph.name: photograph for photograph in site.photographs}
-    cameras: dict[str, list[int]] = defaultdict(list)
-    for image_id in sorted(model.reg_image_ids()):
+    strips: dict[tuple[str, int], list[int]] = defaultdict(list)
+    for image_id in sorted(model.reg_image_ids(), key=lambda number: by_name[model.image(number).name].order):
         photograph = by_name[model.image(image_id).name]
-        if photograph.attitude is not None:
-            cameras[photograph.camera].append(image_id)
-    found = {}
-    for numbers in cameras.values():
+        if photograph.attitude is not None and (photograph.attitude_sd or parameters.attitude_sd):
+            strips[photograph.camera, photograph.strip].append(image_id)
+    found = []
+    for numbers in strips.values():
         if len(numbers) < _LEAST:
             continue
         photographs = [by_name[model.image(number).name] for number in numbers]
-        recorded = Rotation.from_matrix([_rotation(photograph) for photograph in photographs])
-        adjusted = Rotation.from_matrix(
-            [model.image(number).cam_from_world().rotation.matrix() for number in numbers]
-        )
-        turns = (adjusted * recorded.inv()).as_rotvec(degrees=True)
-        mounting = np.median(turns, axis=0)
-        if np.median(np.linalg.norm(turns - mounting, axis=1)) > _MOST_SPREAD:
+        mounting = _mounting([model.image(number) for number in numbers], photographs)
+        if mounting is None:
             continue
-        expected = (Rotation.from_rotvec(mounting, degrees=True) * recorded).as_matrix()
-        for number, photograph, rotation in zip(numbers, photographs, expected, strict=True):
-            sd = photograph.attitude_sd or (parameters.attitude_sd,) * 3
-            found[number] = rotation, rotation @ np.diag(np.radians(sd) ** 2) @ rotation.T
+        recorded = [_rotation(photograph) for photograph in photographs]
+        middle = len(numbers) // 2
+        reference = (mounting * recorded[middle]).as_matrix()
+        for k, number in enumerate(numbers):
+            variance = _variance(photographs[k], parameters)
+            if k == middle:
+                variance = variance + np.radians(parameters.mounting_sd) ** 2
+                found.append(_turn(number, None, recorded[k].as_matrix(), np.eye(3), variance))
+            else:
+                variance = variance + _variance(photographs[middle], parameters)
+                rotation = (mounting * recorded[k]).as_matrix()
+                found.append(_turn(number, numbers[middle], rotation, reference, variance))
     return found
 
 
-def _rotation(photograph: Photograph) -> np.ndarray:
-    return Pose.from_omega_phi_kappa(np.zeros(3), *photograph.attitude).rotation  # type: ignore[misc]
+def _turn(
+    image: int, reference: int | None, rotation: np.ndarray, other: np.ndarray, variance: np.ndarray
+) -> Turn:
+    """Turn against other axes; ``variance`` (3,) is about the axes of the site's CRS."""
+    return Turn(image, reference, rotation @ other.T, rotation @ np.diag(variance) @ rotation.T)
+
+
+def _mounting(images: list[pycolmap.Image], photographs: list[Photograph]) -> Rotation | None:
+    """Median turn from recorded to adjusted attitudes; None if no mounting can explain it."""
+    adjusted = Rotation.from_matrix([image.cam_from_world().rotation.matrix() for image in images])
+    recorded = Rotation.concatenate([_rotation(photograph) for photograph in photographs])
+    turns = (adjusted * recorded.inv()).as_rotvec(degrees=True)
+    if np.median(np.linalg.norm(turns, axis=1)) > _MOST_TURNED:
+        return None
+    median = np.median(turns, axis=0)
+    return Rotation.from_rotvec(median, degrees=True)
+
+
+def _rotation(photograph: Photograph) -> Rotation:
+    pose = Pose.from_omega_phi_kappa(np.zeros(3), *photograph.attitude)  # type: ignore[misc]
+    return Rotation.from_matrix(pose.rotation)
+
+
+def _variance(photograph: Photograph, parameters: OrientParameters) -> np.ndarray:
+    return np.radians(photograph.attitude_sd or (parameters.attitude_sd,) * 3) ** 2

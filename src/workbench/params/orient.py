@@ -63,6 +63,22 @@ class OrientParameters(Section):
     gnss_sd_z: float = parameter(
         4.0, "The same, vertical.", unit="m", source="single-frequency GNSS of drones", gt=0, le=1000
     )
+    attitude_sd: float | None = parameter(
+        None,
+        "Standard deviation of recorded attitudes that do not state theirs; without it they are not used.",
+        unit="degrees",
+        source="gimbals of drones drift by degrees: weighted by 1 they turned a real block by as much",
+        gt=0,
+        le=90,
+    )
+    mounting_sd: float = parameter(
+        1.0,
+        "Standard deviation of the turn between the instrument that records attitudes and the camera.",
+        unit="degrees",
+        source="reasoned: not calibrated; holds the roll of a single strip, and moves no block of several",
+        gt=0,
+        le=90,
+    )
     georeference: Literal["positions", "control", "both"] = parameter(
         "both",
         "What fixes the block: recorded positions, control points, or both as far as there are any.",

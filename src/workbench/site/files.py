@@ -29,7 +29,8 @@ from workbench.site.model import Photograph, Site
 
 _AnyCrs = TypeVar("_AnyCrs", CRS, pyproj.CRS)
 COLUMNS = (
-    *("name", "camera", "x", "y", "z", "sd_x", "sd_y", "sd_z", "omega", "phi", "kappa", "time"),
+    *("name", "camera", "x", "y", "z", "sd_x", "sd_y", "sd_z", "omega", "phi", "kappa"),
+    *("sd_omega", "sd_phi", "sd_kappa", "time"),
     *("strip", "order", "height_above_ground", "bands", "sun_elevation", "sun_azimuth", "note", "set_aside"),
 )
 
@@ -137,6 +138,7 @@ def render_photographs(photographs: Iterable[Photograph]) -> str:
                 *_three(p.position, 4),
                 *_three(p.position_sd, 4),
                 *_three(p.attitude, 5),
+                *_three(p.attitude_sd, 5),
                 p.time.isoformat() if p.time else "",
                 p.strip,
                 p.order,
@@ -228,6 +230,7 @@ def _read_photograph_row(row: dict[str, str], folder: Path) -> Photograph:
         position=_read_three(row, "x", "y", "z"),
         position_sd=_read_three(row, "sd_x", "sd_y", "sd_z"),
         attitude=_read_three(row, "omega", "phi", "kappa"),
+        attitude_sd=_read_three(row, "sd_omega", "sd_phi", "sd_kappa"),
         time=datetime.fromisoformat(cell("time")) if cell("time") else None,
         strip=int(cell("strip") or 0),
         order=int(cell("order") or 0),

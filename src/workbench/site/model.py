@@ -30,6 +30,8 @@ class Photograph:
     """Standard deviations of x, y, z, metres, where the recorder states them."""
     attitude: tuple[float, float, float] | None = None
     """Omega, phi, kappa, degrees, as recorded."""
+    attitude_sd: tuple[float, float, float] | None = None
+    """Standard deviations of turns about x, y, z, degrees, where the recorder states them."""
     time: datetime | None = None
     """Exposure, with its time zone where that is known."""
     strip: int = 0

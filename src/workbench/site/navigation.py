@@ -18,7 +18,8 @@ from workbench.site.tables import number, read_table
 
 COLUMNS = (
     *("photo", "x", "y", "z", "longitude", "latitude", "height", "roll", "pitch", "heading"),
-    *("omega", "phi", "kappa", "sd_x", "sd_y", "sd_z", "tilt_right", "time"),
+    *("omega", "phi", "kappa", "sd_x", "sd_y", "sd_z", "sd_roll", "sd_pitch", "sd_heading"),
+    *("sd_omega", "sd_phi", "sd_kappa", "tilt_right", "time"),
 )
 """Names of the columns that are understood; a file may call them otherwise."""
 
@@ -65,6 +66,8 @@ class NavigationRow:
     """Standard deviations, metres."""
     attitude: tuple[float, float, float] | None
     """Omega, phi, kappa, degrees."""
+    attitude_sd: tuple[float, float, float] | None = None
+    """Standard deviations of turns about x, y, z, degrees."""
     time: datetime | None = None
     """Exposure, where the file states it."""
 
@@ -135,11 +138,7 @@ class _RowReader:
 
     def read(self, row: dict[str, str], photo: str, line: int) -> NavigationRow:
         own_x, own_y, position = self._position(row, line)
-        deviations = None
-        if row["sd_x"]:
-            deviations = self._three(row, ("sd_x", "sd_y", "sd_z"), line)
-            if min(deviations) <= 0:
-                raise SiteError(f"{self.path}, line {line}: standard deviations must be positive.")
+        deviations = self._deviations(row, ("sd_x", "sd_y", "sd_z"), line)
         turn = self._turn(row, own_x, own_y, position)
         time = None
         if row["time"]:
@@ -149,7 +148,8 @@ class _RowReader:
                 raise SiteError(
                     f"{self.path}, line {line}: time '{row['time']}'; write it as 2020-06-01T10:20:30+00:00."
                 ) from error
-        return NavigationRow(position, deviations, self._attitude(row, photo, turn, line), time)
+        attitude = self._attitude(row, photo, turn, line)
+        return NavigationRow(position, deviations, attitude, self._attitude_deviations(row, line), time)
 
     def _position(self, row: dict[str, str], line: int) -> tuple[float, float, tuple[float, float, float]]:
         if row["longitude"]:
@@ -197,6 +197,26 @@ class _RowReader:
             tilt = number(row, "tilt_right", self.path, line) * self.to_degrees
         pose = Pose.from_roll_pitch_heading(origin, roll, pitch, heading - turn, tilt_right=tilt)
         return pose.omega_phi_kappa
+
+    def _attitude_deviations(self, row: dict[str, str], line: int) -> tuple[float, float, float] | None:
+        """About x, y, z; roll and pitch, whose axes turn with the heading, count alike."""
+        if row["omega"]:
+            return self._deviations(row, ("sd_omega", "sd_phi", "sd_kappa"), line, self.to_degrees)
+        stated = self._deviations(row, ("sd_roll", "sd_pitch", "sd_heading"), line, self.to_degrees)
+        if stated is None:
+            return None
+        level = float(np.hypot(stated[0], stated[1]) / np.sqrt(2))
+        return level, level, stated[2]
+
+    def _deviations(
+        self, row: dict[str, str], keys: tuple[str, str, str], line: int, factor: float = 1.0
+    ) -> tuple[float, float, float] | None:
+        if not row[keys[0]]:
+            return None
+        deviations = self._three(row, keys, line, factor)
+        if min(deviations) <= 0:
+            raise SiteError(f"{self.path}, line {line}: standard deviations must be positive.")
+        return deviations
 
     def _three(
         self, row: dict[str, str], keys: tuple[str, str, str], line: int, factor: float = 1.0

@@ -207,6 +207,7 @@ def _photograph(item: Found, camera: str, row: NavigationRow | None, crs: CRS | 
             position=row.position,
             position_sd=row.position_sd,
             attitude=row.attitude or photograph.attitude,
+            attitude_sd=row.attitude_sd,
             time=row.time or photograph.time,
             note="",
         )
