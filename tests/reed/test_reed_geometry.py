@@ -6,6 +6,7 @@ import pytest
 import rasterio.features
 import shapely
 from rasterio.crs import CRS
+from scipy.ndimage import uniform_filter
 from shapely import affinity
 
 from workbench.errors import RasterError, ReedError
@@ -19,6 +20,7 @@ from workbench.reed import (
     sinuosity,
     trace_front,
 )
+from workbench.reed.extent import stand_height
 
 CRS_ = CRS.from_epsg(32633)
 WEST, NORTH = 400000.0, 5300100.0
@@ -322,3 +324,49 @@ def test_laid_transects_stand_at_right_angles_every_ten_metres():
     assert np.hypot(*np.diff(feet, axis=0).T) == pytest.approx(np.full(10, 10))
     assert (heads - feet) @ [0.6, 0.8] == pytest.approx(np.zeros(11), abs=1e-6)
     assert (heads - feet) @ [-0.8, 0.6] == pytest.approx(np.full(11, 30))
+
+
+def smeared(shape, window=1.5):
+    """Reed of 2.4 m over flat water, averaged over square windows as matching does."""
+    dsm = surface(shape, reed=2.4)
+    cells = 2 * round(window / 0.1 / 2) + 1
+    return dsm.copy(
+        data=(uniform_filter(dsm.values - LEVEL, cells, mode="nearest") + LEVEL).astype(np.float32)
+    )
+
+
+def test_a_smeared_front_lies_at_half_the_height_of_the_stand():
+    ohm = object_height(smeared(here(shapely.box(-10, 0, 70, 20))), LEVEL)
+    by_height = map_extent(ohm, lake(LAKE)).reed
+    at_half = map_extent(ohm, lake(LAKE), edge_share=0.5).reed
+    for found, front in ((by_height, 20.45), (at_half, 20.0)):
+        middle = shapely.intersection(found, here(shapely.box(20, 5, 40, 30)))
+        assert middle.bounds[3] - (NORTH - 40) == pytest.approx(front, abs=0.11)
+
+
+def test_a_smeared_hole_is_open_at_half_the_height_of_the_stand():
+    hole = shapely.Point(30, 15).buffer(0.9)
+    ohm = object_height(smeared(here(shapely.difference(shapely.box(-10, 0, 70, 25), hole))), LEVEL)
+    assert map_extent(ohm, lake(LAKE), min_height=0.3).reed.geoms[0].interiors[:] == []
+    (ring,) = map_extent(ohm, lake(LAKE), min_height=0.3, edge_share=0.5).reed.geoms[0].interiors
+    assert shapely.Polygon(ring).centroid.distance(here(shapely.Point(30, 15))) < 0.1
+
+
+def test_trees_beside_the_reed_are_no_stand():
+    grid_shape = here(shapely.box(10, 10, 20, 20))
+    dsm = surface(grid_shape, reed=2.0)
+    tree = surface(here(shapely.box(20, 10, 25, 20)), reed=9.0)
+    both = dsm.copy(data=np.maximum(dsm.values, tree.values))
+    found = map_extent(object_height(both, LEVEL), edge_share=0.9).reed
+    assert found.area == pytest.approx(100, rel=1e-6)
+
+
+def test_stand_height_is_the_highest_pixel_in_a_disc():
+    values = np.full((21, 21), np.nan)
+    values[10, 10] = 2.0
+    values[0, 0] = 7.0
+    grid = Grid(CRS_, WEST, NORTH, 0.25, 21, 21)
+    stand = stand_height(new_raster(values, grid, name="ohm", units="m"), 1.0, 6.0)
+    rows, columns = np.indices(values.shape)
+    inside = np.hypot(rows - 10, columns - 10) * 0.25 <= 1.0
+    np.testing.assert_array_equal(stand, np.where(inside, 2.0, -1.0))

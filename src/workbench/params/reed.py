@@ -60,6 +60,23 @@ class ReedParameters(Section):
         ge=0,
         le=10,
     )
+    edge_share: float = parameter(
+        0.0,
+        "Reed is also higher than this share of the highest reed within the edge reach: 0.5 puts a front "
+        "that matching smeared over the water where it falls to half the stand; 0: limits of height alone.",
+        unit="1",
+        source="0 as reed 2.5.2; a step that was averaged lies at half of its height",
+        ge=0,
+        lt=1,
+    )
+    edge_reach: float = parameter(
+        1.5,
+        "Distance at which a smeared front or gap has reached the height of its stand.",
+        unit="m",
+        source="matching windows of 9 pixels of 0.14 m",
+        gt=0,
+        le=20,
+    )
     point_radius: float = parameter(
         0.5,
         "The highest cell within this distance of a field point is its height.",

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from itertools import chain
 from typing import TypeAlias
 
+import cv2
 import geopandas as gpd
 import numpy as np
 import rasterio.features
@@ -124,6 +125,9 @@ def map_extent(
     min_area: float = _DEFAULTS.min_area,
     min_hole: float = _DEFAULTS.min_hole,
     sliver_width: float = _DEFAULTS.sliver_width,
+    edge_share: float = _DEFAULTS.edge_share,
+    stand: np.ndarray | None = None,
+    edge_reach: float = _DEFAULTS.edge_reach,
     ground: LakeGround | None = None,
 ) -> ReedExtent:
     """Map reed and unknown areas on an object height model.
@@ -146,6 +150,12 @@ def map_extent(
         Smaller gaps are closed, m².
     sliver_width
         Patches at the shoreline that are narrower than this everywhere are dropped, m.
+    edge_share
+        Reed is higher than this share of the highest reed around it, 0..1; 0: limits of height alone.
+        Matching smears a front over the water in front of it and fills narrow gaps; half the height of the
+        stand is where the step was.
+    stand, edge_reach
+        As :func:`stand_height` gives it, where it is known already; otherwise the distance for it, m.
     ground
         As :func:`survey_ground` gives it for this raster and shoreline, where it is known already.
 
@@ -160,11 +170,28 @@ def map_extent(
     heights = ohm.values
     with np.errstate(invalid="ignore"):
         reed = (heights > min_height) & (heights < max_height) & ground.near
+        if edge_share > 0:
+            stand = stand_height(ohm, edge_reach, max_height) if stand is None else stand
+            reed &= heights > np.float32(edge_share) * stand
     reed = _cleaned(reed, np.isfinite(heights), ground.grid, min_area, min_hole)
     patches = _polygons(reed, ground.grid)
     if shoreline is not None:
         patches = _cut(patches, ground.lake, min_area, sliver_width)
     return ReedExtent(shapely.multipolygons(patches), ground.unknown, ground.lake, ground.shore, ground.grid)
+
+
+def stand_height(ohm: xr.DataArray, reach: float, max_height: float) -> np.ndarray:
+    """Highest reed, lower than ``max_height`` (m), within a distance (m) of every pixel; below 0 without any.
+
+    A pixel counts if its centre lies in the disc. (rows, columns) float32, m.
+    """
+    heights = ohm.values.astype(np.float32, copy=False)
+    with np.errstate(invalid="ignore"):
+        reed = np.where(heights < max_height, heights, np.float32(-1.0))
+    cells = int(np.floor(reach / Grid.of(ohm).resolution * (1 + 1e-9)))
+    rows, columns = np.mgrid[-cells : cells + 1, -cells : cells + 1]
+    disc = rows**2 + columns**2 <= (reach / Grid.of(ohm).resolution) ** 2 * (1 + 1e-9)
+    return cv2.dilate(reed, disc.astype(np.uint8))
 
 
 def survey_ground(heights: xr.DataArray, shoreline: Shoreline | None = None) -> LakeGround:

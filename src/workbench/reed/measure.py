@@ -17,7 +17,7 @@ from workbench.errors import ReedError
 from workbench.params import ReedParameters
 from workbench.rasters import Grid
 from workbench.reed.density import CellStatistics, cell_statistics, classify_cells, reed_area
-from workbench.reed.extent import ReedExtent, Shoreline, map_extent, survey_ground
+from workbench.reed.extent import ReedExtent, Shoreline, map_extent, stand_height, survey_ground
 from workbench.reed.front import Front, trace_front
 from workbench.reed.heights import object_height
 from workbench.reed.status import EXCLUDED, HEALTHY, STRESSED, assess_sections
@@ -132,8 +132,12 @@ class ReedModel:
             raise ReedError("The water level is unknown: state water_level in site.yaml or params.yaml.")
         self.computed = ()
         ohm = self._step("ohm", level, lambda: object_height(self.dsm, level))
-        for_extent = (level, o.min_height, o.max_height, o.min_area, o.min_hole, o.sliver_width)
+        for_stand = (level, o.edge_share > 0, o.edge_reach, o.max_height)
+        for_extent = (for_stand, o.edge_share, o.min_height, o.min_area, o.min_hole, o.sliver_width)
         ground = self._step("ground", (), lambda: survey_ground(ohm, self.shoreline))
+        stand = None
+        if o.edge_share > 0:
+            stand = self._step("stand", for_stand, lambda: stand_height(ohm, o.edge_reach, o.max_height))
         extent = self._step(
             "extent",
             for_extent,
@@ -145,6 +149,8 @@ class ReedModel:
                 min_area=o.min_area,
                 min_hole=o.min_hole,
                 sliver_width=o.sliver_width,
+                edge_share=o.edge_share,
+                stand=stand,
                 ground=ground,
             ),
         )
