@@ -10,6 +10,7 @@ import pandas as pd
 import pytest
 
 from workbench.errors import StudyError
+from workbench.figures.findings_section import findings_section
 from workbench.studies.findings import (
     Criterion,
     Evidence,
@@ -128,3 +129,18 @@ def test_the_table_holds_rule_numbers_and_reason(root):
     assert "rule > 0.8" in table["ours"]["T02"]
     assert table["published"]["T05"].startswith("Table 4.2")
     assert table.reset_index().equals(findings_table(judge_findings(root)).replace("", np.nan))
+
+
+def test_the_report_shows_every_finding_with_its_verdict_or_its_reason(root):
+    assert findings_section(root) is None
+    table_4_01(root)
+    write_findings(root)
+    section = findings_section(root)
+    rows = [row for table in section.tables for row in table.rows]
+    assert len(rows) == 45 and len(section.pictures) == 1
+    shown = {row[0]: row for row in rows}
+    assert shown["T01"][-1].startswith("confirmed")
+    assert shown["R01"][-1] == "not testable" and "has not been run" in shown["R01"][3]
+    cells = pd.read_csv(root / "data" / "studies" / "side_by_side.csv")
+    assert set(cells["table"]) == {"thesis 4.1"} and len(cells) == 12
+    np.testing.assert_allclose(cells["published"], cells["simulated"], rtol=1e-4)

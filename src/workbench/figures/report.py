@@ -12,6 +12,7 @@ from workbench.environment import describe_environment
 from workbench.errors import SiteError
 from workbench.figures.advice import advice
 from workbench.figures.assessment_section import assessment_section
+from workbench.figures.findings_section import findings_section
 from workbench.figures.orientation import orientation_section
 from workbench.figures.products import (
     matching_section,
@@ -59,7 +60,9 @@ def report_site(site: Site, parameters: Parameters) -> dict:
         raise SiteError(f"Site {site.name} has no products: run `workbench run --site {site.name}` first.")
     with open_stage(site.products / FOLDERS["report"], {"report": parameters.report}) as stage:
         metrics = {verb: read_json(site.products / FOLDERS[verb] / "metrics.json") for verb in done}
-        sections = [site_section(site), *(SECTIONS[verb](site) for verb in done), _provenance(site, done)]
+        findings = findings_section(site.root)
+        sections = [site_section(site), *(SECTIONS[verb](site) for verb in done)]
+        sections += [*([] if findings is None else [findings]), _provenance(site, done)]
         warnings = _warnings(site, metrics)
         page = files("workbench.figures").joinpath("report.html.j2").read_text(encoding="utf-8")
         html = (

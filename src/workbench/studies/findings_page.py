@@ -11,7 +11,7 @@ from workbench.site.files import write_text
 from workbench.studies.advice import unmatched_lines
 from workbench.studies.findings import Finding, findings_table, judge_findings
 from workbench.studies.findings_notes import NOTES
-from workbench.studies.side_by_side import SideBySide, side_by_side
+from workbench.studies.side_by_side import SideBySide, side_by_side, side_by_side_table
 
 _PAPERS = {"reed": "Aquatic reed", "tree": "Single trees", "ortho": "Orthomosaics"}
 _HEAD = """# Findings of the three papers, tested again
@@ -26,6 +26,8 @@ studies are the quick presets unless a full one has been run: see [studies](stud
 def write_findings(root: Path = Path()) -> Path:
     """Judge all findings; write ``data/studies/findings.csv``, and ``docs/findings.md`` where there are docs.
 
+    Beside the findings, ``side_by_side.csv`` holds every cell of a published table with our mean.
+
     Returns
     -------
     Path
@@ -36,8 +38,11 @@ def write_findings(root: Path = Path()) -> Path:
     path = root / "data" / "studies" / "findings.csv"
     path.parent.mkdir(parents=True, exist_ok=True)
     write_text(findings_table(findings).to_csv(index=False, lineterminator="\n"), path)
+    tables = side_by_side(root)
+    cells = side_by_side_table(tables).to_csv(index=False, lineterminator="\n", float_format="%.5g")
+    write_text(cells, path.with_name("side_by_side.csv"))
     if (root / "docs").is_dir():
-        write_text(findings_page(findings, side_by_side(root), root), root / "docs" / "findings.md")
+        write_text(findings_page(findings, tables, root), root / "docs" / "findings.md")
     return path
 
 
@@ -87,6 +92,7 @@ def _tables(tables: Iterable[SideBySide]) -> str:
     frame = pd.DataFrame(rows, columns=["table", "study", "cells", "rank correlation", "p"])
     lines = ["| " + " | ".join(frame.columns) + " |", "|---" * len(frame.columns) + "|"]
     lines += ["| " + " | ".join(map(str, row)) + " |" for row in frame.itertuples(index=False)]
+    lines += ["", "Every cell of them: `data/studies/side_by_side.csv`."]
     return "\n".join(lines) + "\n"
 
 

@@ -7,7 +7,7 @@ n - 1; a published count of 1, a photograph without a partner, has no counterpar
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -64,6 +64,13 @@ def side_by_side(root: Path = Path()) -> tuple[SideBySide, ...]:
             frame = pd.DataFrame(cells, columns=["cell", "published", "simulated"])
             found.append(SideBySide(table, study, frame))
     return tuple(found)
+
+
+def side_by_side_table(tables: Iterable[SideBySide]) -> pd.DataFrame:
+    """All cells of all tables: table, study, cell, published, simulated."""
+    parts = [part.cells.assign(table=part.table, study=part.study) for part in tables]
+    columns = ["table", "study", "cell", "published", "simulated"]
+    return pd.concat(parts)[columns] if parts else pd.DataFrame(columns=columns)
 
 
 def _gsd_and_overlap(e: Evidence) -> Iterator[_Row]:
