@@ -15,6 +15,7 @@ _LARGEST_ANGLE = 45.0
 _SAME_VIEW = 25.0
 _LEAST_SIDE_OVERLAP = 0.5
 _DENSE = 0.7
+_SAMPLES = 32  # Along each edge of a photograph: its overlap is known to 2 %.
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,7 +55,8 @@ def overlap_at(first: OrientedPhotograph, second: OrientedPhotograph, ground: fl
     """Share of the first photograph that the second one sees at a ground height, 0..1."""
     camera = first.camera
     columns, rows = np.meshgrid(
-        (np.arange(8) + 0.5) / 8 * camera.width, (np.arange(8) + 0.5) / 8 * camera.height
+        (np.arange(_SAMPLES) + 0.5) / _SAMPLES * camera.width,
+        (np.arange(_SAMPLES) + 0.5) / _SAMPLES * camera.height,
     )
     rays = first.pose.to_world(camera.rays(np.stack([columns.ravel(), rows.ravel()], axis=1)))
     down = rays[:, 2] < -0.05
