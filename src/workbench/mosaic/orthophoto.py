@@ -19,9 +19,19 @@ from workbench.errors import MosaicError
 from workbench.mosaic.balance import balance_gains
 from workbench.mosaic.blending import blend
 from workbench.mosaic.colours import fill_colours, heights_at
+from workbench.mosaic.crop import crop_area
 from workbench.mosaic.scratch import Scratch
 from workbench.mosaic.seams import Preview, find_seams, preview, seamline_polygons
-from workbench.mosaic.sources import HIDDEN, INTERPOLATED, MEASURED, UNCOVERED, Sight, Sources, find_sources
+from workbench.mosaic.sources import (
+    HIDDEN,
+    INTERPOLATED,
+    MEASURED,
+    UNCOVERED,
+    Sight,
+    Sources,
+    clip_sources,
+    find_sources,
+)
 from workbench.orientation import Block
 from workbench.params import MosaicParameters
 from workbench.photographs import read_photograph
@@ -110,6 +120,8 @@ def make_orthophoto(
     sight = Sight(block, heights, grid, parameters)
     sources = Sources(Scratch(folder, grid.shape, np.uint16), Scratch(folder, grid.shape, np.uint8))
     find_sources(sight, labels, coarse, sources)
+    if parameters.clip:
+        sources = clip_sources(sources, crop_area(seamlines, ratio=parameters.crop_ratio), grid)
     colours = Scratch(folder, (sample.shape[-1], *grid.shape), sample.dtype)
     fill_colours(block, heights, grid, sources, gains, colours)
     if parameters.blending == "multi-band":

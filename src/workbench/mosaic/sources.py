@@ -9,7 +9,9 @@ from dataclasses import dataclass, field
 from itertools import islice
 
 import cv2
+import geopandas as gpd
 import numpy as np
+from rasterio.features import geometry_mask
 
 from workbench.cameras.view import view_table
 from workbench.mosaic.scratch import Scratch, Window
@@ -151,6 +153,22 @@ def find_sources(sight: Sight, labels: np.ndarray, coarse: Grid, sources: Source
         for some in _some(sight.grid.tiles(_TILE)):
             for tile, (chosen, flags) in zip(some, pool.map(decide, some), strict=True):
                 sources.note(chosen, flags, tile.core)
+
+
+def clip_sources(sources: Sources, area: gpd.GeoDataFrame, grid: Grid) -> Sources:
+    """The same inside of an area; outside of it no photograph gives a cell."""
+    kept = Sources(sources.source, sources.validity)
+    shapes = list(area.geometry)
+    for tile in grid.tiles(_TILE):
+        part = grid.window(*tile.core)
+        inside = geometry_mask(shapes, part.shape, part.transform, invert=True)
+        chosen, flags = sources.source.read(tile.core), sources.validity.read(tile.core)
+        kept.note(
+            np.where(inside, chosen, 0).astype(np.uint16),
+            np.where(inside, flags, NOT_SEEN).astype(np.uint8),
+            tile.core,
+        )
+    return kept
 
 
 def _some(tiles: Iterable[Tile]) -> Iterator[tuple[Tile, ...]]:

@@ -99,6 +99,12 @@ class MosaicParameters(Section):
         unit="-",
         source="orthomosaic paper 2.5",
     )
+    clip: bool = parameter(
+        False,
+        "Leave the mosaic empty outside of that area.",
+        unit="-",
+        source="orthomosaic paper 2.5: the outermost are distorted; off: a small block would lose most",
+    )
     crop_ratio: float = parameter(
         0.3,
         "Concavity of the hull around the seamlines: 0 follows every bay, 1 is the convex hull.",
