@@ -174,7 +174,10 @@ def study(
         str,
         typer.Argument(help="A shipped study, a file of one, all, list, findings, or reproducibility."),
     ],
-    site: Annotated[str | None, typer.Option(help="Site whose chain is repeated (reproducibility).")] = None,
+    site: Annotated[
+        str | None,
+        typer.Option(help="Site whose chain is repeated (reproducibility); a virtual clearing by default."),
+    ] = None,
     repeat: Annotated[int | None, typer.Option(help="Repetitions; study.repetitions by default.")] = None,
     surface: Annotated[
         list[str] | None,
@@ -195,6 +198,7 @@ def study(
         from workbench.studies.design import list_studies
 
         typer.echo(list_studies().to_string(index=False))
+        typer.echo("reproducibility: the chain of a virtual clearing in two lights, repeated with other seeds")
         return
     if name == "findings":
         from workbench.studies.findings_page import write_findings
@@ -206,6 +210,9 @@ def study(
         from workbench.site import load_site
         from workbench.studies.repetitions import SURFACES, repeat_chain, repeat_step
 
+        if site is None and step is None:
+            _repeat_clearings(root, parameters, quick=quick, repeat=repeat)
+            return
         if site is None:
             raise typer.BadParameter("which site? Give --site NAME.")
         loaded, surfaces = load_site(site, root), surface or SURFACES
@@ -228,6 +235,17 @@ def study(
             chosen, root, parameters, workers=workers, memory_gb=memory, announce=console.print
         )
         typer.echo(f"{result.folder}: {len(result.table)} rows, {len(result.failed)} cells failed")
+    if name == "all" and not estimate:
+        _repeat_clearings(root, parameters, quick=quick, repeat=repeat)
+
+
+def _repeat_clearings(root: Path, parameters: Parameters, *, quick: bool, repeat: int | None) -> None:
+    from workbench.studies.clearings import repeat_clearings
+
+    for repeated in repeat_clearings(
+        root, parameters, quick=quick, repetitions=repeat, announce=console.print
+    ):
+        typer.echo(f"{repeated.folder}\n{repeated.table.to_string(index=False)}")
 
 
 @app.command()

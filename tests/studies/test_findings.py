@@ -144,3 +144,20 @@ def test_the_report_shows_every_finding_with_its_verdict_or_its_reason(root):
     cells = pd.read_csv(root / "data" / "studies" / "side_by_side.csv")
     assert set(cells["table"]) == {"thesis 4.1"} and len(cells) == 12
     np.testing.assert_allclose(cells["published"], cells["simulated"], rtol=1e-4)
+
+
+def test_lights_are_compared_within_one_preset(root):
+    def repetitions(site, forest):
+        folder = root / "data" / "studies" / "reproducibility" / site
+        folder.mkdir(parents=True)
+        errors = "seed,check_rms_xy_m,check_rms_z_m\n1,0.01,0.02\n"
+        (folder / "errors.csv").write_text(errors)
+        (folder / "reproducibility.csv").write_text(f"surface,cover,pixels,share\ndsm,forest,9,{forest}\n")
+
+    for site, forest in (("low_sun", 0.9), ("low_sun-quick", 0.2), ("cloudy-quick", 0.3)):
+        repetitions(site, forest)
+    (criterion,) = all_rules()["O10"].decide(Evidence(root))
+    assert criterion.mean == pytest.approx(10.0)
+    repetitions("cloudy", 0.8)
+    (criterion,) = all_rules()["O10"].decide(Evidence(root))
+    assert criterion.mean == pytest.approx(-10.0)
