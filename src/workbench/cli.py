@@ -198,7 +198,7 @@ def study(
         from workbench.studies.design import list_studies
 
         typer.echo(list_studies().to_string(index=False))
-        typer.echo("reproducibility: the chain of a virtual clearing in two lights, repeated with other seeds")
+        typer.echo("reproducibility: a virtual clearing in two lights, the chain of each repeated")
         return
     if name == "findings":
         from workbench.studies.findings_page import write_findings
