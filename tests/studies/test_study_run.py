@@ -10,6 +10,7 @@ import time
 
 import pandas as pd
 import pytest
+from distributed import LocalCluster
 
 from workbench.errors import StudyError
 from workbench.studies import runner
@@ -117,6 +118,19 @@ def test_an_interrupted_study_continues_to_the_same_table(root, scene, result, t
     # Two workers in processes of their own, on top of what one had done.
     again = run_study(small_study(scene), tmp_path, announce=quiet, workers=2)
     assert again.table.equals(run_study(small_study(scene), root, announce=quiet).table)
+
+
+def test_the_cluster_that_the_environment_names_gives_the_same_table(scene, result, tmp_path, monkeypatch):
+    with LocalCluster(n_workers=1, threads_per_worker=1, processes=False, dashboard_address=None) as cluster:
+        monkeypatch.setenv("DASK_SCHEDULER_ADDRESS", cluster.scheduler_address)
+        seen = []
+        monkeypatch.setattr(runner, "LocalCluster", lambda **_: seen.append("local"))
+        one = {"thin": [2]}
+        again = run_study(small_study(scene, factors=one), tmp_path, announce=quiet, workers=2)
+    assert seen == []
+    mine = result.table[result.table["thin"] == 2].reset_index(drop=True)
+    assert again.failed.empty
+    pd.testing.assert_frame_equal(again.table, mine)
 
 
 @pytest.mark.slow
