@@ -1,5 +1,7 @@
 """Thresholds found again where they are known, and findings on tables whose numbers are known."""
 
+from types import SimpleNamespace
+
 import geopandas as gpd
 import numpy as np
 import pandas as pd
@@ -92,6 +94,16 @@ def test_what_is_right_already_stays(lake):
     assert only.variance_cut == ReedParameters().variance_cut
     with pytest.raises(ReedError, match="no reference"):
         tune_thresholds(model, References())
+
+
+def test_few_stressed_sections_weigh_as_much_as_many_healthy_ones():
+    """Healthy at 4 to 6, 8 and 9, stressed at 7 and 12: 10.5 is right more often, 6.5 finds both."""
+    index = [4.0, 4.2, 4.5, 5.0, 5.5, 5.8, 6.0, 8.0, 9.0, 7.0, 12.0]
+    said = ["healthy"] * 9 + ["stressed"] * 2
+    sections = pd.DataFrame({"aoi": "A", "section": range(11), "arsi": index})
+    model = SimpleNamespace(measure=lambda options: SimpleNamespace(sections=sections))
+    found = tune_thresholds(model, References(status=sections.assign(status=said)))
+    assert found.arsi_cut == pytest.approx(6.5)
 
 
 def test_areas_are_kept_apart(lake):

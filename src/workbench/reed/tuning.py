@@ -38,10 +38,12 @@ def tune_thresholds(
     variance_cuts: Sequence[float] = VARIANCE_CUTS,
     mean_cuts: Sequence[float] = MEAN_CUTS,
 ) -> ReedParameters:
-    """Best minimum height for the extent, then density cuts, then the aRSI cut, by overall accuracy.
+    """Best minimum height for the extent, then density cuts, then the aRSI cut.
 
-    Of equally good values the one nearest to that of ``options`` is taken; the aRSI cut lies in the
-    middle between the two sections that it parts.
+    By overall accuracy; the aRSI cut by the mean of the producer's accuracies of healthy and stressed, so
+    that areas with few stressed sections do not choose a cut that finds none elsewhere. Of equally good
+    values the one nearest to that of ``options`` is taken; the aRSI cut lies in the middle between the two
+    sections that it parts.
 
     Parameters
     ----------
@@ -106,9 +108,7 @@ def _arsi_cut(model: ReedModel, status: pd.DataFrame, o: ReedParameters) -> floa
         return o.arsi_cut
     cuts = (values[1:] + values[:-1]) / 2
     said = both.arsi.to_numpy()[None, :] < cuts[:, None]
-    right_ones = np.where(said, both.status.to_numpy() == HEALTHY, both.status.to_numpy() == STRESSED).mean(
-        axis=1
-    )
-    return float(
-        _best([(c,) for c in cuts], (o.arsi_cut,), dict(zip(cuts, right_ones, strict=True)).__getitem__)[0]
-    )
+    classes = [(both.status == HEALTHY, said), (both.status == STRESSED, ~said)]
+    found = [right[:, which.to_numpy()].mean(axis=1) for which, right in classes if which.any()]
+    scores = dict(zip(cuts, np.mean(found, axis=0), strict=True))
+    return float(_best([(c,) for c in cuts], (o.arsi_cut,), scores.__getitem__)[0])
