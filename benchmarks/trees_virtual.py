@@ -94,7 +94,13 @@ def tops_by_stand(
 ) -> gpd.GeoDataFrame:
     """Tops with the windows and the least prominence of the tree stage."""
     window = search_window(options, stands, Grid.of(height).resolution)
-    return find_tops(height, radius=None, window=window, prominence_share=options.prominence_share)
+    return find_tops(
+        height,
+        radius=None,
+        window=window,
+        smoothing=options.top_smoothing,
+        prominence_share=options.prominence_share,
+    )
 
 
 def judge(tops: gpd.GeoDataFrame, trees: gpd.GeoDataFrame, stands: gpd.GeoDataFrame) -> pd.DataFrame:

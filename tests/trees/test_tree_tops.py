@@ -208,6 +208,33 @@ def test_a_disc_that_is_asked_for_keeps_all_its_maxima():
     assert len(find_tops(surface)) == 1
 
 
+def test_smoothing_is_a_gaussian_over_what_is_known_and_keeps_heights():
+    values = rough(12, (150, 130), holes=0.03)
+    surface = raster(values, 0.5)
+    options = {"radius": 1.6, "working_resolution": None, "smoothing": 0.6}
+    tops = find_tops(surface, **options)
+    assert tops.equals(find_tops(surface, tile_size=64, **options))
+    known = np.isfinite(values) & (values >= 3)
+    total = ndimage.gaussian_filter(
+        np.where(known, values, 0.0).astype(float), 1.2, mode="constant", radius=4
+    )
+    weight = ndimage.gaussian_filter(known.astype(float), 1.2, mode="constant", radius=4)
+    smooth = np.where(known, total / np.maximum(weight, 1e-9), np.nan).astype(np.float32)
+    assert places(tops) == brute_force(smooth, 3.2, least=0.0)
+    np.testing.assert_array_equal(values[tops["row"], tops["column"]], tops["height_m"].astype(np.float32))
+    assert 0 < len(tops) < len(find_tops(surface, **{**options, "smoothing": 0.0}))
+
+
+def test_smoothing_with_terrain_on_a_slope_finds_the_same_trees():
+    flat = cones([(5.0, 5.0, 10.0, 2.5), (12.0, 9.0, 14.0, 2.5)], 16, 0.1)
+    slope = flat.copy(data=np.broadcast_to(400 + 0.3 * flat.x.values, flat.shape).astype(np.float32))
+    options = {"radius": 1.5, "smoothing": 0.25}
+    above = find_tops(flat, **options)
+    upon = find_tops(flat.copy(data=flat.values + slope.values), terrain=slope, **options)
+    assert len(upon) == len(above) == 2
+    np.testing.assert_allclose(upon["height_m"], above["height_m"], atol=0.5)
+
+
 def test_terrain_moves_no_top_and_heights_are_above_it():
     flat = cones([(5.0, 5.0, 10.0, 2.5), (12.0, 9.0, 14.0, 2.5)], 16, 0.1)
     slope = flat.copy(data=np.broadcast_to(400 + 0.3 * flat.x.values, flat.shape).astype(np.float32))
@@ -258,6 +285,7 @@ def test_infinite_cells_and_spikes_outside_the_mask_do_no_harm():
         ({"radius": 1.0, "min_height": 0.0}, "makes trees of the ground"),
         ({"radius": 1.0, "spacing": -1.0}, "separates nothing"),
         ({"radius": 0.3, "working_resolution": 1.0}, "less than one cell"),
+        ({"radius": 1.0, "smoothing": -0.1}, "smoothing"),
     ],
 )
 def test_impossible_searches_are_refused(options, words):

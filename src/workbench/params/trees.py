@@ -73,6 +73,15 @@ class TreesParameters(Section):
         gt=0,
         le=5,
     )
+    top_smoothing: float = parameter(
+        0.15,
+        "Standard deviation of a Gaussian over the surface before tops are sought; 0 none.",
+        unit="m",
+        source="noise of a surface from photographs from cell to cell (docs/trees.md); heights stay those "
+        "of the surface",
+        ge=0,
+        le=7,
+    )
     radius: float | None = parameter(
         None,
         "Constant radius of the search disc; null lets it grow with height.",
@@ -120,7 +129,7 @@ class TreesParameters(Section):
         le=50,
     )
     prominence_share: float = parameter(
-        0.05,
+        0.03,
         "As min_prominence, as a share of the height of the top, less 1.5 working cells.",
         unit="m/m",
         source="branches of a crown are no trees; virtual stands of other seeds than those judged "
@@ -129,7 +138,7 @@ class TreesParameters(Section):
         le=1,
     )
     conifer_start: float = parameter(
-        0.0,
+        0.3,
         "As window_start, in stands of type conifer.",
         unit="m",
         source="virtual stands of other seeds than those judged (docs/trees.md)",

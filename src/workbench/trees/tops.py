@@ -15,7 +15,7 @@ from workbench.params import TreesParameters
 from workbench.rasters import Grid, Tile, require_same_grid
 from workbench.trees import maxima
 from workbench.trees.windows import Window, as_window
-from workbench.trees.working import CutSurface, Part, WorkingGrid
+from workbench.trees.working import CutSurface, Part, WorkingGrid, reach_of_gaussian
 
 _DEFAULTS = TreesParameters()
 _LOWEST = -1e30
@@ -23,8 +23,9 @@ _WIDER = 1 + 1e-9  # 0.3 m are three cells of 0.1 m, whatever binary fractions s
 _REACH = 2.0  # The measure of prominence looks twice as far as the search disc: to the next crowns.
 _FAR = _DEFAULTS.max_diameter / 2  # Two tops of one tree are seldom farther from each other, metres.
 _HIDDEN_CELLS = 1.5  # What cells hide of a saddle: between flanks of 45 degrees about their diagonal.
-PROMINENCE_SHARE = _DEFAULTS.prominence_share
-"""Least prominence of a top as a share of its height, where no disc is asked for (docs/trees.md)."""
+PROMINENCE_SHARE = 0.05
+"""Least prominence as a share of the height where no disc is asked for, on surfaces as they are; the tree
+stage smooths a little and asks for less (docs/trees.md)."""
 INTERPOLATED = 255
 """Value of a provenance raster where a height was not measured."""
 
@@ -64,6 +65,7 @@ def find_tops(
     terrain: xr.DataArray | None = None,
     provenance: xr.DataArray | None = None,
     working_resolution: float | None = _DEFAULTS.working_resolution,
+    smoothing: float = 0.0,
     spacing: float | None = _DEFAULTS.spacing,
     min_prominence: float = _DEFAULTS.min_prominence,
     prominence_share: float | None = None,
@@ -100,6 +102,10 @@ def find_tops(
         Cell to average to, metres; None: search on the cells as they are. A whole number of cells is
         averaged, the one that comes nearest. The top is the highest source cell within the working
         cell, with its own height.
+    smoothing
+        Standard deviation of a Gaussian over the working cells before step 3, metres; missing cells take
+        no part. For surfaces from photographs, whose noise from cell to cell makes tops (the tree stage
+        asks for it); 0: none, as laser surfaces and the thesis need it. Heights stay those of the source.
     spacing
         Least distance of two tops, metres; None: that of the search disc.
     min_prominence
@@ -137,6 +143,7 @@ def find_tops(
         terrain=terrain,
         provenance=provenance,
         working_resolution=working_resolution,
+        smoothing=smoothing,
         spacing=spacing,
         min_prominence=min_prominence,
         prominence_share=prominence_share,
@@ -154,6 +161,7 @@ def search_tops(
     terrain: xr.DataArray | None = None,
     provenance: xr.DataArray | None = None,
     working_resolution: float | None = _DEFAULTS.working_resolution,
+    smoothing: float = 0.0,
     spacing: float | None = _DEFAULTS.spacing,
     min_prominence: float = _DEFAULTS.min_prominence,
     prominence_share: float | None = None,
@@ -162,6 +170,8 @@ def search_tops(
     """As :func:`find_tops`, with what every step left."""
     grid = Grid.of(surface)
     _check(surface, grid, mask, terrain, provenance, min_height, spacing)
+    if not 0 <= smoothing <= _FAR:
+        raise TreesError(f"A smoothing of {smoothing} m is impossible: give 0 (none) to {_FAR:g}.")
     if window is not None and radius is not None:
         raise TreesError("Give the search disc as radius or as window, not both.")
     work = WorkingGrid.of(grid, working_resolution)
@@ -171,7 +181,7 @@ def search_tops(
     cut = CutSurface(surface, mask, terrain, min_height, work)
     largest = disc.largest(cut.highest(tile_size))
     _check_disc(largest, grid, work)
-    found = _maxima(cut, disc, largest, (min_prominence, prominence_share), tile_size)
+    found = _maxima(cut, disc, largest, smoothing, (min_prominence, prominence_share), tile_size)
     multiple, kept = np.zeros(len(found), bool), found["stands_out"].copy()
     multiple[kept], kept[kept] = _thin(found[kept], work, spacing)
     return TopSearch(_frame(found, multiple, kept, grid, provenance), work.resolution)
@@ -214,15 +224,22 @@ def _check_disc(largest: float, grid: Grid, work: WorkingGrid) -> None:
 
 
 def _maxima(
-    cut: CutSurface, disc: Window, largest: float, prominence: tuple[float, float], tile_size: int
+    cut: CutSurface,
+    disc: Window,
+    largest: float,
+    smoothing: float,
+    prominence: tuple[float, float],
+    tile_size: int,
 ) -> np.ndarray:
     """Local maxima of all tiles, one a plateau (its northern, then western cell), by place."""
     work = cut.grid
     offsets = maxima.disc(largest / work.resolution * _WIDER)
+    sigma = smoothing / work.resolution
     margin = int(max(_REACH * largest, _FAR if max(prominence) > 0 else 0.0) / work.resolution) + 1
+    margin += reach_of_gaussian(sigma)
 
     def of_tile(tile: Tile) -> tuple[np.ndarray, np.ndarray]:
-        part = cut.load(tile.padded)
+        part = cut.load(tile.padded).smoothed(sigma)
         width = part.work.shape[1]
         places = maxima.summits(part.work, _LOWEST, *[(axis.start, axis.stop) for axis in tile.inner])
         rows, columns = np.divmod(places, width)

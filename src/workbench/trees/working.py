@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import math
+from dataclasses import dataclass, replace
 
 import dask
 import numpy as np
 import xarray as xr
+from scipy import ndimage
 
 from workbench.compiled import compiled
 from workbench.rasters import Grid, Tile, tiles
 from workbench.trees.maxima import MISSING
+
+_TRUNCATE = 3.0  # Standard deviations of a Gaussian that count.
 
 
 @dataclass(frozen=True)
@@ -91,6 +95,31 @@ class Part:
         if factor == 1:
             return rows, columns
         return _highest_within(self.surface, rows, columns, factor)
+
+    def smoothed(self, sigma: float) -> Part:
+        """With the working cells averaged by a Gaussian of a standard deviation in cells; 0 none."""
+        if sigma == 0:
+            return self
+        work = _gaussian(self.work, sigma)
+        height = work if self.work_height is self.work else _gaussian(self.work_height, sigma)
+        return replace(self, work=work, work_height=height)
+
+
+def reach_of_gaussian(sigma: float) -> int:
+    """Cells that a Gaussian of a standard deviation in cells looks at around a cell."""
+    return math.ceil(_TRUNCATE * sigma)
+
+
+def _gaussian(values: np.ndarray, sigma: float) -> np.ndarray:
+    """Weighted mean of the cells that are there; missing ones stay missing."""
+    known = values > MISSING
+    radius = reach_of_gaussian(sigma)
+    weights, total = (
+        ndimage.gaussian_filter(part, sigma, mode="constant", radius=radius)
+        for part in (known.astype(np.float64), np.where(known, values, 0.0).astype(np.float64))
+    )
+    with np.errstate(invalid="ignore", divide="ignore"):
+        return np.where(known, total / weights, MISSING).astype(np.float32)
 
 
 @dataclass(frozen=True, eq=False)
