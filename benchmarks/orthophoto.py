@@ -4,10 +4,13 @@
     workbench simulate park && workbench run --site park
     python benchmarks/orthophoto.py places --site park [--pictures DIR]
 
-The truth of ``places`` is a rendering of the scene from a height of 50 km with a lens to match: an
-orthographic picture in calm air. Places are compared by their pictures (normalised correlation): marked
-points, the strongest corners 3 m apart; edges, along the outlines of the roofs. The orthophoto is made on
-the measured surface and on the true one, with and without the test of visibility.
+``places`` asks of the orthophoto, made on the measured surface and on the true one, with and without the test
+of visibility, where what it shows really is:
+- by geometry: the pixel that gives a cell is followed through the true camera to the true surface. Marked
+  points (50, on the ground and on roofs, where the measured surface is right within 0.1 m), cells within half
+  a metre of the outlines of roofs, crowns, and everything.
+- by pictures: against the scene rendered from a height of 50 km, an orthographic picture in calm air
+  (normalised correlation): the strongest corners 3 m apart, and profiles across the outlines of the roofs.
 """
 
 from __future__ import annotations
@@ -27,14 +30,18 @@ from rasterio.features import geometry_mask
 from workbench.cameras import Camera, Pose
 from workbench.cameras.view import view_table
 from workbench.mosaic import make_orthophoto
+from workbench.mosaic.colours import heights_at
 from workbench.mosaic.rectify import rectify
 from workbench.orientation import Block, OrientedPhotograph, read_block
 from workbench.params import MosaicParameters
 from workbench.rasters import Grid, match_grid, new_raster, read_raster
 from workbench.site import Site, load_site
+from workbench.site.tables import read_table
 from workbench.stages import FOLDERS, read_json
 from workbench.studies.registration import window_shifts
+from workbench.surface.filling import fill_heights
 from workbench.vectors import read_vector
+from workbench.virtual.flight_cameras import flight_camera
 from workbench.virtual.optics import tone
 from workbench.virtual.render import render
 from workbench.virtual.scene import build_scene, load_scene
@@ -96,10 +103,16 @@ def places(site: Site, pictures: Path | None) -> None:
     true_surface = read_raster(site.truth / "dsm_mean.tif")
     truth = from_above(site, Grid.from_bounds(block.crs, Grid.of(true_surface).bounds, cell))
     points = marked_points(truth, site)
-    rows = []
+    rows: list[dict] = []
+    geometry: list[pd.DataFrame] = []
+    wrong = np.abs(match_grid(measured, Grid.of(true_surface)) - true_surface)
     for name, surface in (("measured", measured), ("true", true_surface)):
         for visible in (True, False):
-            ortho, hidden = orthophoto(block, surface, Grid.of(truth), visible)
+            ortho, source, hidden = orthophoto(block, surface, Grid.of(truth), visible)
+            shown = shown_places(site, block, surface, source, true_surface)
+            geometry.append(
+                summary(shown, wrong, site, points, cell).assign(surface=name, visibility=visible)
+            )
             label = {"surface": name, "visibility": visible}
             right = surface_is_right(surface, true_surface, points)
             for place, table in (
@@ -120,7 +133,9 @@ def places(site: Site, pictures: Path | None) -> None:
                 draw(ortho, site, pictures / f"{site.name}_{name}_{'true' if visible else 'double'}.jpg")
     if pictures is not None:
         draw(truth, site, pictures / f"{site.name}_from_above.jpg")
-    print(f"cell {cell} m")
+    print(f"cell {cell} m\n\nby geometry")
+    print(pd.concat(geometry).to_string(index=False, float_format=lambda value: f"{value:.3f}"))
+    print("\nby pictures")
     print(pd.DataFrame(rows).to_string(index=False, float_format=lambda value: f"{value:.3f}"))
 
 
@@ -144,13 +159,104 @@ def from_above(site: Site, grid: Grid) -> xr.DataArray:
     return new_raster(tone(view.radiance.values * 1.6), grid, name="from_above", units="1", nodata=0)
 
 
-def orthophoto(block: Block, surface: xr.DataArray, grid: Grid, visible: bool) -> tuple[xr.DataArray, float]:
-    """An orthophoto on the cells of a grid, and the share of cells that are hidden from all."""
+def orthophoto(
+    block: Block, surface: xr.DataArray, grid: Grid, visible: bool
+) -> tuple[xr.DataArray, xr.DataArray, float]:
+    """An orthophoto on the cells of a grid, its sources, and the share of cells that are hidden from all."""
     parameters = MosaicParameters(resolution=grid.resolution, visibility=visible, balance=False)
     with tempfile.TemporaryDirectory() as folder:
         made = make_orthophoto(block, surface, folder, parameters)
-        ortho = read_raster(Path(folder) / "ortho.tif")
-        return match_grid(ortho, grid, resampling="bilinear").load(), made.share(3)
+        ortho = match_grid(read_raster(Path(folder) / "ortho.tif"), grid, resampling="bilinear").load()
+        return ortho, read_raster(Path(folder) / "source.tif").load(), made.share(3)
+
+
+def shown_places(
+    site: Site, block: Block, surface: xr.DataArray, source: xr.DataArray, true_surface: xr.DataArray
+) -> xr.DataArray:
+    """How far (metres, horizontally) what each cell shows is from the cell; NaN where it shows nothing."""
+    spec = load_scene(site.name).flight
+    camera = flight_camera(spec.camera, reduction=spec.reduction, frame=spec.frame).camera
+    poses = true_poses(site)
+    grid = Grid.of(source)
+    heights = fill_heights(surface)
+    z, _ = heights_at(heights, grid, slice(0, grid.height), slice(0, grid.width))
+    x, y = np.meshgrid(grid.x, grid.y)
+    away = np.full(grid.shape, np.nan, np.float32)
+    for index, photograph in enumerate(block):
+        given = source.values == index + 1
+        if not given.any():
+            continue
+        places = np.c_[x[given], y[given], z[given]]
+        pose = poses[Path(photograph.name).stem]
+        rays = pose.to_world(camera.rays(photograph.project(places)))
+        met = first_hit(pose.centre, rays, true_surface)
+        away[given] = np.hypot(*(met - places)[:, :2].T)
+    return source.copy(data=away)
+
+
+def true_poses(site: Site) -> dict[str, Pose]:
+    names = ["photo", "x", "y", "z", "omega", "phi", "kappa"]
+    found = {}
+    for _, row in read_table((site.truth or site.folder) / "poses.csv", names):
+        x, y, z, omega, phi, kappa = (float(row[name]) for name in names[1:])
+        found[Path(row["photo"]).stem] = Pose.from_omega_phi_kappa(np.array([x, y, z]), omega, phi, kappa)
+    return found
+
+
+def first_hit(start: np.ndarray, rays: np.ndarray, surface: xr.DataArray) -> np.ndarray:
+    """Where rays (n, 3) from a station first meet a surface, to a quarter of a cell; NaN if never."""
+    grid = Grid.of(surface)
+    heights = surface.values
+    steep = rays / -rays[:, 2:]
+    fall = 0.25 * grid.resolution / max(float(np.hypot(*steep[:, :2].T).max()), 0.25)
+    met = np.full(rays.shape, np.nan)
+    flying = np.arange(len(rays))
+    for level in np.arange(np.nanmax(heights), np.nanmin(heights) - fall, -fall):
+        places = start + steep[flying] * (start[2] - level)
+        rows = np.floor((grid.north - places[:, 1]) / grid.resolution).astype(int)
+        columns = np.floor((places[:, 0] - grid.west) / grid.resolution).astype(int)
+        inside = (rows >= 0) & (rows < grid.height) & (columns >= 0) & (columns < grid.width)
+        down = np.zeros(len(places), bool)
+        down[inside] = heights[rows[inside], columns[inside]] >= level
+        met[flying[down]] = places[down]
+        flying = flying[~down]
+        if not len(flying):
+            break
+    return met
+
+
+def summary(
+    shown: xr.DataArray, wrong: xr.DataArray, site: Site, points: np.ndarray, cell: float
+) -> pd.DataFrame:
+    """Distances of the marked points, of cells along roofs, of crowns and of all cells, in cells."""
+    truth = site.truth or site.folder
+    grid = Grid.of(shown)
+    error = match_grid(wrong, grid).values
+    cover = match_grid(read_raster(truth / "cover.tif"), grid, resampling="nearest").values
+    outlines = read_vector(truth / "buildings.gpkg").boundary.buffer(0.5)
+    edges = geometry_mask(list(outlines), grid.shape, grid.transform, invert=True)
+    crowns = np.isin(cover, [Cover.BROADLEAF, Cover.CONIFER])
+    rows = ((grid.north - points[:, 1]) / grid.resolution).astype(int)
+    columns = ((points[:, 0] - grid.west) / grid.resolution).astype(int)
+    right = error[rows, columns] <= 0.1
+    marked = shown.values[rows[right][:_POINTS], columns[right][:_POINTS]]
+    kinds = {
+        "marked points": marked,
+        "roof edges": shown.values[edges],
+        "roof edges, surface right": shown.values[edges & (error <= 0.1)],
+        "crowns": shown.values[crowns],
+        "crowns, surface right": shown.values[crowns & (error <= 0.1)],
+        "all": shown.values[cover > 0],
+    }
+    table = []
+    for kind, away in kinds.items():
+        known = away[np.isfinite(away)] / cell
+        table.append(
+            {"places": kind, "number": len(away), "shown": len(known)}
+            | {"median_gsd": np.median(known), "p95_gsd": np.percentile(known, 95)}
+            | {"within_1_gsd": float((known <= 1).mean())}
+        )
+    return pd.DataFrame(table)
 
 
 def marked_points(truth: xr.DataArray, site: Site) -> np.ndarray:
@@ -202,7 +308,7 @@ def edge_shifts(truth: xr.DataArray, ortho: xr.DataArray, site: Site) -> pd.Data
             profiles = [
                 sample(mosaic, places).reshape(len(lines), -1).mean(axis=0) for mosaic in (truth, ortho)
             ]
-            rows.append(_best_offset(*profiles, offsets[1] - offsets[0]))
+            rows.append(_best_offset(profiles[0], profiles[1], offsets[1] - offsets[0]))
     return pd.DataFrame(rows, columns=["shift_m", "score"])
 
 
