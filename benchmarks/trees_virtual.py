@@ -1,10 +1,11 @@
 """Single trees on virtual forests: windows chosen on some seeds, judged on others, beside the thesis.
 
-``choose``: search windows, and ``crowns``: limits of crowns, by scores on true surfaces of the tuning
-seeds. ``truth``: tables in the form of 4.18 and 4.19 on true surfaces of the judging seeds (errors of the
-method alone), ``findings``: T17, T21, T22, T24, T25 on them. ``chain SITE``: the tables on the products of a
-site that ran through the chain (``workbench simulate SCENE``, then ``workbench run``), whose errors are
-those of surface and method. True surfaces are kept in ``--folder``; the first run makes them.
+``choose [SITE ...]``: search windows, smoothing and prominence by scores on true surfaces of the tuning
+seeds, and on sites flown over scenes of such a seed; ``crowns``: limits of crowns on true surfaces.
+``truth``: tables in the form of 4.18 and 4.19 on true surfaces of the judging seeds (errors of the method
+alone), ``findings``: T17, T21, T22, T24, T25 on them. ``chain SITE``: the tables on the products of a site
+that ran through the chain (``workbench simulate SCENE``, then ``workbench run``), whose errors are those of
+surface and method. True surfaces are kept in ``--folder``; the first run makes them.
 """
 
 from __future__ import annotations
@@ -36,8 +37,10 @@ TUNING, JUDGING = (101, 102), (None, 203)
 FINE = 0.1
 WINDOWS = tuple(product((-0.5, 0.0, 0.3, 0.5), (0.02, 0.033, 0.05, 0.07, 0.09, 0.11)))
 """Radius at height zero (m) and growth with height that are tried."""
-SHARES = (0.0, 0.03, 0.05, 0.07)
+SHARES = (0.0, 0.03, 0.05)
 """Least prominences that are tried, as shares of the height."""
+SMOOTHINGS = (0.0, 0.15, 0.25)
+"""Standard deviations of the Gaussian that are tried, metres."""
 DISTANCE = {"conifer": 2.0, "broadleaf old": 3.0, "broadleaf middle": 3.0, "broadleaf young": 2.0}
 """Largest distance of a match, metres [thesis 4.5.1, published/tree_match_distance.csv]."""
 THESIS_FILTER = 49
@@ -96,7 +99,6 @@ def tops_by_stand(
     window = search_window(options, stands, Grid.of(height).resolution)
     return find_tops(
         height,
-        radius=None,
         window=window,
         smoothing=options.top_smoothing,
         prominence_share=options.prominence_share,
@@ -141,37 +143,53 @@ def on_understorey(tops: gpd.GeoDataFrame, trees: gpd.GeoDataFrame) -> np.ndarra
     return result
 
 
-def choose(folder: Path) -> None:
-    """Mean F1 of every window over the conifer stands, the broadleaf stands, and all, by cell."""
-    table = pd.concat(_trials(name, seed, folder) for name, seed in product(SCENES, TUNING))
+def choose(folder: Path, sites: list[str], root: Path) -> None:
+    """Mean F1 of every search over the conifer stands, the broadleaf stands, and all, by kind of surface.
+
+    Surfaces are the true ones of the tuning seeds on two cells, and those of sites that were flown over
+    scenes of other seeds than those judged.
+    """
+    parts = [_trials_on_truth(name, seed, folder) for name, seed in product(SCENES, TUNING)]
+    for name in sites:
+        height, trees, stands = _site(name, root)
+        parts.append(_trials({f"{name}": height}, trees, stands))
+    table = pd.concat(parts)
     table["type"] = table["stand"].str.split().str[0]
-    parts = {name: table[table["type"] == name] for name in ("conifer", "broadleaf")} | {"all": table}
-    keys = ["start", "growth", "share"]
-    for label, part in parts.items():
-        by_type = part.groupby([*keys, "cell", "type"])["f1_visible"].mean()
-        mean = by_type.groupby([*keys, "cell"]).mean().unstack("cell")
+    shown = {name: table[table["type"] == name] for name in ("conifer", "broadleaf")} | {"all": table}
+    keys = ["smoothing", "share", "start", "growth"]
+    for label, part in shown.items():
+        by_type = part.groupby([*keys, "surface", "type"])["f1_visible"].mean()
+        mean = by_type.groupby([*keys, "surface"]).mean().unstack("surface")
         mean["mean"] = mean.mean(axis=1)
-        stands = part.pivot_table(index=keys, columns="stand", values="f1_visible")
-        shown = mean.join(stands).sort_values("mean", ascending=False).head(10)
-        print(f"\n{label}: F1 (%) over visible trees, tuning seeds, by cell of the surface (m) and stand")
-        print(shown.round(1).to_string())
+        print(f"\n{label}: F1 (%) over visible trees, tuning seeds, by surface; the best, the best of each")
+        print(mean.sort_values("mean", ascending=False).head(10).round(1).to_string())
+        print(mean.loc[mean.groupby(["smoothing", "share"])["mean"].idxmax()].round(1).to_string())
 
 
-def _trials(name: str, seed: int, folder: Path) -> pd.DataFrame:
-    """Scores of all windows on one scene, kept beside it."""
+def _trials_on_truth(name: str, seed: int, folder: Path) -> pd.DataFrame:
+    """Scores of all searches on one scene, kept beside it."""
     source = true_scene(name, seed, folder)
     kept = source / "windows.csv"
     if not kept.exists():
-        trees, stands, rows = references(source), stands_of(name), []
-        for cell in (0.2, 0.5):
-            heights = true_heights(source, cell)
-            for (start, growth), share in product(WINDOWS, SHARES):
-                window = GrowingWindow(start, growth, smallest=max(0.5, math.sqrt(2) * cell))
-                tops = find_tops(heights, radius=None, window=window, prominence_share=share)
-                scores = judge(tops, trees, stands)
-                rows.append(scores.assign(cell=cell, start=start, growth=growth, share=share))
-        pd.concat(rows).to_csv(kept, index=False)
+        heights = {f"truth {cell} m": true_heights(source, cell) for cell in (0.2, 0.5)}
+        _trials(heights, references(source), stands_of(name)).to_csv(kept, index=False)
     return pd.read_csv(kept)
+
+
+def _trials(
+    surfaces: dict[str, xr.DataArray], trees: gpd.GeoDataFrame, stands: gpd.GeoDataFrame
+) -> pd.DataFrame:
+    """Scores of all searches on surfaces of one place."""
+    rows = []
+    for (label, height), smoothing in product(surfaces.items(), SMOOTHINGS):
+        smallest = max(0.5, math.sqrt(2) * Grid.of(height).resolution)
+        for (start, growth), share in product(WINDOWS, SHARES):
+            window = GrowingWindow(start, growth, smallest=smallest)
+            tops = find_tops(height, window=window, smoothing=smoothing, prominence_share=share)
+            scores = judge(tops, trees, stands)
+            tried = {"smoothing": smoothing, "share": share, "start": start, "growth": growth}
+            rows.append(scores.assign(surface=label, **tried))
+    return pd.concat(rows)
 
 
 def choose_crowns(folder: Path) -> None:
@@ -307,15 +325,20 @@ def _print_scores(scores: pd.DataFrame) -> None:
 def on_chain(site_names: list[str], root: Path, options: TreesParameters) -> None:
     """The same scores on what the chain made of sites; stands are those of the scene of the same name."""
     for name in site_names:
-        site = load_site(name, root)
-        if site.truth is None:
-            raise SystemExit(f"{name} has no truth to compare with.")
-        stands = stands_of(name.split("-")[0])
-        height = read_raster(site.products / "surface" / "ndsm.tif")
+        height, trees, stands = _site(name, root)
         tops = tops_by_stand(height, options, stands)
         print(f"\n{name}: whole chain")
-        print(judge(tops, references(site.truth), stands).round(1).to_string(index=False))
+        print(judge(tops, trees, stands).round(1).to_string(index=False))
     _print_published()
+
+
+def _site(name: str, root: Path) -> tuple[xr.DataArray, gpd.GeoDataFrame, gpd.GeoDataFrame]:
+    """Heights above ground, true trees and stands of a site that was flown over a scene and matched."""
+    site = load_site(name, root)
+    if site.truth is None:
+        raise SystemExit(f"{name} has no truth to compare with.")
+    height = read_raster(site.products / "surface" / "ndsm.tif")
+    return height, references(site.truth), stands_of(name.split("-")[0])
 
 
 def _print_published() -> None:
@@ -330,14 +353,14 @@ def main() -> None:
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("what", choices=["choose", "crowns", "truth", "findings", "chain"])
-    parser.add_argument("sites", nargs="*", help="Sites of `chain`.")
+    parser.add_argument("sites", nargs="*", help="Sites of `chain`, or to `choose` on besides.")
     parser.add_argument("--root", type=Path, default=Path())
     parser.add_argument("--folder", type=Path, default=Path("/tmp/trees_virtual"))
     args = parser.parse_args()
     options = TreesParameters()
     pd.set_option("display.width", 250, "display.max_columns", 30)
     if args.what == "choose":
-        choose(args.folder)
+        choose(args.folder, args.sites, args.root)
     elif args.what == "crowns":
         choose_crowns(args.folder)
     elif args.what == "truth":
