@@ -2,10 +2,16 @@
 
     python benchmarks/reproducibility.py speed
     python benchmarks/reproducibility.py sources --site S --root DIR
+    python benchmarks/reproducibility.py series --root DIR
 
 `sources` runs the chain of a site again with the same seed, but with other threads, tiles, order and names of
 the photographs, and compares the mosaics with the first one: identical bytes, share of identical pixels,
 share at a local correlation of 0.95.
+
+`series` flies the virtual clearing on three dates of another wind, hour and GNSS error, runs the chain of
+each, and measures how far objects shift between the mosaics: boulders and signals on the meadow, and the
+middles of the visible crowns. They are followed by their pictures, where someone would draw boxes. Written to
+DIR/data/studies/time-series/shifts.csv, which finding O09 reads.
 """
 
 from __future__ import annotations
@@ -15,33 +21,43 @@ import shutil
 import time
 from collections.abc import Callable
 from dataclasses import replace
+from importlib.resources import files
 from pathlib import Path
 
 import dask
+import geopandas as gpd
 import numpy as np
 import pandas as pd
+import rasterio.features
+import shapely
 
 from workbench.matching import match_site
 from workbench.mosaic import mosaic_site
 from workbench.orientation import orient_site
-from workbench.params import Parameters, load_parameters
+from workbench.params import MosaicParameters, Parameters, load_parameters
 from workbench.rasters import read_raster
 from workbench.site import Site, load_site
-from workbench.studies import local_correlation, reproducibility
+from workbench.site.tables import read_table
+from workbench.studies import follow_objects, local_correlation, object_shifts, reproducibility
 from workbench.studies.repetitions import common_area
 from workbench.surface import surface_site
+from workbench.vectors import read_vector
+from workbench.virtual import simulate_scene
 
 Variant = Callable[[Site, Parameters, Path], tuple[Site, Parameters]]
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
-    parser.add_argument("what", choices=("speed", "sources"))
+    parser.add_argument("what", choices=("speed", "sources", "series"))
     parser.add_argument("--site")
     parser.add_argument("--root", type=Path, default=Path())
     options = parser.parse_args()
     if options.what == "speed":
         print(speed().to_string(index=False))
+        return
+    if options.what == "series":
+        print(series(options.root).to_string(float_format=lambda value: f"{value:.3f}"))
         return
     file = options.root / "params.yaml"
     parameters = load_parameters(file) if file.exists() else Parameters()
@@ -133,6 +149,83 @@ def _with(parameters: Parameters, section: str, **values: object) -> Parameters:
 
 def _seed(site: Site, parameters: Parameters, home: Path) -> tuple[Site, Parameters]:
     return site, _with(parameters, "orient", seed=parameters.orient.seed + 1)
+
+
+DATES = {
+    "june": {"time": "2020-06-18T09:20:00+00:00", "wind": 2.0},
+    "july": {"time": "2020-07-07T10:00:00+00:00", "wind": 3.0},
+    "august": {"time": "2020-08-04T09:40:00+00:00", "wind": 4.0},
+}
+_CROWN, _OPEN = 1.2, 0.6  # Half an edge of the boxes, metres.
+_FOUND = 0.6
+
+
+def series(root: Path) -> pd.DataFrame:
+    """Shifts of objects between the dates: number, mean, largest by place, metres."""
+    scene = Path(str(files("workbench.studies") / "shipped" / "scenes" / "clearing.yaml"))
+    mosaics, sites = {}, []
+    for seed, (date, flight) in enumerate(DATES.items(), start=1):
+        parameters = Parameters(mosaic=MosaicParameters(resolution=0.08))
+        if not (root / "data" / "sites" / date / "site.yaml").exists():
+            simulate_scene(
+                scene, root, parameters, flight_overrides=flight | {"reduction": 8}, seed=seed, site_name=date
+            )
+        site = load_site(date, root)
+        ortho = site.products / "mosaic" / "ortho.tif"
+        if not ortho.exists():
+            for stage in (orient_site, match_site, surface_site, mosaic_site):
+                stage(site, parameters)
+        sites.append(site)
+        mosaics[date] = read_raster(ortho)
+    common = dict(zip(mosaics, common_area(list(mosaics.values())), strict=True))
+    tables = []
+    for place, (boxes, search) in {
+        "open": (_on_the_meadow(sites[0]), 0.4),
+        "canopy": (_crowns(sites[0]), 1.2),
+    }.items():
+        first = next(iter(common))
+        boxes = boxes.set_crs(sites[0].crs)
+        dates = {first: boxes}
+        for date in list(common)[1:]:
+            dates[date] = follow_objects(
+                boxes, common[first], common[date], search=search, least_score=_FOUND
+            )
+        tables.append(object_shifts(dates).table.assign(place=place))
+    table = pd.concat(tables)
+    folder = root / "data" / "studies" / "time-series"
+    folder.mkdir(parents=True, exist_ok=True)
+    table.drop(columns="geometry").to_csv(
+        folder / "shifts.csv", index=False, lineterminator="\n", float_format="%.4f"
+    )
+    return table.groupby("place").shift_m.agg(["count", "median", "mean", "max"])
+
+
+def _on_the_meadow(site: Site) -> gpd.GeoDataFrame:
+    """Boxes around signals and boulders."""
+    truth = site.truth or site.folder
+    cover = read_raster(truth / "cover.tif")
+    code = {row["cover"]: int(row["code"]) for _, row in read_table(truth / "cover.csv", ["code", "cover"])}
+    stones = rasterio.features.shapes(
+        (cover.values == code["boulder"]).astype(np.uint8), transform=cover.rio.transform()
+    )
+    places = [shapely.geometry.shape(shape).centroid for shape, value in stones if value == 1]
+    places += [
+        shapely.Point(float(row["x"]), float(row["y"]))
+        for _, row in read_table(truth / "targets.csv", ["name", "x", "y"])
+    ]
+    return _boxes(places, _OPEN)
+
+
+def _crowns(site: Site) -> gpd.GeoDataFrame:
+    """Boxes around the middles of crowns that are seen from above."""
+    trees = read_vector((site.truth or site.folder) / "trees.gpkg")
+    seen = trees[trees.visible & ~trees.dead & ~trees.understorey]
+    return _boxes(list(seen.geometry.centroid), _CROWN)
+
+
+def _boxes(places: list, half: float) -> gpd.GeoDataFrame:
+    boxes = [shapely.box(p.x - half, p.y - half, p.x + half, p.y + half) for p in places]
+    return gpd.GeoDataFrame({"object": range(len(boxes))}, geometry=boxes)
 
 
 VARIANTS: dict[str, Variant] = {

@@ -1,6 +1,9 @@
+import geopandas as gpd
 import numpy as np
 import pytest
+import shapely
 
+from workbench.mosaic import crop_area
 from workbench.mosaic.seams import Preview, find_seams
 
 SHAPE = 80, 120
@@ -68,3 +71,27 @@ def test_where_nothing_stands_in_the_way_noise_does_not_move_a_seam(noise):
 def test_a_single_photograph_gives_everything():
     labels = find_seams(previews(3)[:1], SHAPE, base_ratio=1.0)
     assert (labels == 1).all()
+
+
+@pytest.mark.parametrize("bay", [0.0, 1.4])
+def test_of_two_strips_nothing_is_inside_whatever_the_outline(bay):
+    """A polygon that the hull misses by a metre is outermost like its neighbours."""
+    polygons = [
+        shapely.box(12 * k, 20 * strip, 12 * (k + 1), 20 * (strip + 1) - (bay if (strip, k) == (1, 2) else 0))
+        for strip in range(2)
+        for k in range(5)
+    ]
+    polygons[6] = polygons[6].union(shapely.box(24, 40 - bay, 36, 40))
+    area = crop_area(gpd.GeoDataFrame({"source": range(10)}, geometry=polygons, crs="EPSG:32633"))
+    assert not area.cropped[0]
+    assert area.photographs[0] == 10
+
+
+def test_of_three_strips_the_middle_one_is_inside():
+    polygons = [
+        shapely.box(12 * k, 20 * strip, 12 * (k + 1), 20 * (strip + 1))
+        for strip in range(3)
+        for k in range(5)
+    ]
+    area = crop_area(gpd.GeoDataFrame({"source": range(15)}, geometry=polygons, crs="EPSG:32633"))
+    assert area.photographs[0] == 3

@@ -3,20 +3,23 @@
 from __future__ import annotations
 
 import geopandas as gpd
+import numpy as np
 import shapely
 
 from workbench.errors import MosaicError
 from workbench.params import MosaicParameters
 
 _DEFAULTS = MosaicParameters()
+_NEAR = 0.25  # Of the root of a polygon's area.
 
 
 def crop_area(seamlines: gpd.GeoDataFrame, *, ratio: float = _DEFAULTS.crop_ratio) -> gpd.GeoDataFrame:
     """Area of a mosaic without the outermost seamline polygons [orthomosaic paper 2.5].
 
-    A polygon is outermost if it touches the concave hull of all seamlines. Where every polygon
-    does, as in a single strip, nothing would be left: the whole mosaic is kept and ``cropped`` is
-    False.
+    A polygon is outermost if it touches the concave hull of all seamlines, or comes as near as a quarter
+    of its own size: whether a seam or a bay of the outline lies a metre farther is chance. Where every
+    polygon is, as in one strip or two, nothing would be left: the whole mosaic is kept and ``cropped``
+    is False.
 
     Parameters
     ----------
@@ -39,7 +42,8 @@ def crop_area(seamlines: gpd.GeoDataFrame, *, ratio: float = _DEFAULTS.crop_rati
         raise MosaicError("No seamlines: the mosaic is empty, so there is nothing to crop.")
     whole = seamlines.union_all()
     rim = shapely.concave_hull(shapely.segmentize(whole, _step(whole)), ratio=ratio).boundary
-    inside = seamlines[seamlines.distance(rim) > _step(whole)]
+    near = np.maximum(_NEAR * np.sqrt(seamlines.area), _step(whole))
+    inside = seamlines[seamlines.distance(rim) > near]
     cropped = not inside.empty
     kept = inside if cropped else seamlines
     return gpd.GeoDataFrame(
