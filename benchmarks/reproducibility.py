@@ -157,7 +157,7 @@ DATES = {
     "august": {"time": "2020-08-04T09:40:00+00:00", "wind": 4.0},
 }
 _CROWN, _OPEN = 1.2, 0.6  # Half an edge of the boxes, metres.
-_FOUND = 0.6
+_FOUND = 0.5
 
 
 def series(root: Path) -> pd.DataFrame:
