@@ -237,3 +237,27 @@ def test_leaves_that_move_do_not_pull_a_photograph_along(virtual_block):
     assert np.linalg.norm(held) < 0.6 * np.linalg.norm(off)
     # Hardly any observation beside the moved ones is lost.
     assert 0.97 * everything < kept < everything
+
+
+def test_precision_of_tie_points_is_read_from_their_residuals(virtual_block):
+    for noise in (0.2, 0.8):
+        block = virtual_block(noise=noise)
+        fixed = georeference(block.model, block.site, OFFSET, OPTIONS)
+        assert fixed.tie_point_sd == pytest.approx(noise, rel=0.1)
+        assert fixed.pointing_sd == pytest.approx(0.3, rel=0.25)  # Of the targets of the block.
+
+
+def test_a_block_does_not_bend_after_drifting_positions(virtual_block):
+    """Positions of a drone drift by a metre from strip to strip; tie points and four targets know better."""
+    block = virtual_block(noise=0.2, gnss_sd=(1.5, 3.0), tie_points=1500)
+    drift = {0: (1.0, -1.0, 3.0), 1: (-1.0, 1.0, -3.0), 2: (1.0, 1.0, 3.0)}
+    site = replace(
+        block.site,
+        photographs=tuple(
+            replace(p, position=tuple(np.add(p.position, drift[p.strip]))) for p in block.site.photographs
+        ),
+    )
+    fixed = georeference(block.model, site, OFFSET, OPTIONS)
+    horizontal, vertical = rms(fixed.residuals(block.model), "check")
+    assert horizontal <= GSD
+    assert vertical <= 2 * GSD

@@ -11,7 +11,7 @@ import pycolmap.cost_functions
 
 from workbench.errors import OrientationError
 from workbench.orientation.attitudes import Turn, recorded_turns
-from workbench.orientation.control import triangulate
+from workbench.orientation.control import intersection_cofactors, triangulate
 from workbench.orientation.mapping import prior_of
 from workbench.params import OrientParameters
 from workbench.site import ControlPoint, Site
@@ -36,6 +36,8 @@ def adjust(
     control: Sequence[ControlPoint] = (),
     measured: Mapping[str, list[tuple[str, float, float]]] | None = None,
     free_focal_length: bool = False,
+    tie_point_sd: float | None = None,
+    pointing_sd: float | None = None,
 ) -> None:
     """Adjust poses, tie points and lenses in place.
 
@@ -45,6 +47,14 @@ def adjust(
     Residuals: image positions of tie points and of control points, recorded positions and turns between
     photographs by their standard deviations (robust), surveyed coordinates of control points by theirs.
     Checkpoints must not be among ``control``.
+
+    Parameters
+    ----------
+    tie_point_sd
+        Standard deviation of the image position of a tie point, px; ``orient.observation_sd`` by default.
+        See :func:`tie_point_precision`.
+    pointing_sd
+        The same of the measurement of a control point.
 
     Raises
     ------
@@ -77,7 +87,9 @@ def adjust(
     config.fix_gauge(pycolmap.BundleAdjustmentGauge.UNSPECIFIED)
     adjuster = pycolmap.create_default_ceres_bundle_adjuster(options, config, model)
     # Image residuals count in pixels; whatever else is measured gets the same unit of weight.
-    unit = parameters.observation_sd
+    unit = tie_point_sd or parameters.observation_sd
+    # Pointed measurements share it: by how much they are worse is added to the survey of their point.
+    excess = max((pointing_sd or parameters.observation_sd) ** 2 - unit**2, 0.0)
     kept_alive: list[object] = []  # The problem holds bare pointers to what Python owns.
     held = _PRINCIPAL + _RATIONAL + ([] if free_focal_length else _FOCAL)
     for camera in model.cameras.values():
@@ -100,8 +112,10 @@ def adjust(
     for number, point in added.items():
         place = model.point3D(number).xyz
         target = np.array([point.x, point.y, point.z]) - offset
-        covariance = np.diag(np.square([point.sd_xy, point.sd_xy, point.sd_z])) / unit**2
-        cost = pyceres.factors.NormalPrior(target, covariance)
+        covariance = np.diag(np.square([point.sd_xy, point.sd_xy, point.sd_z]))
+        if excess:
+            covariance += excess * intersection_cofactors(model, place, (measured or {})[point.name])
+        cost = pyceres.factors.NormalPrior(target, covariance / unit**2)
         kept_alive.append((place, cost))
         adjuster.problem.add_residual_block(cost, None, [place])
     adjuster.solve()
@@ -162,14 +176,7 @@ def drop_outliers(model: pycolmap.Reconstruction, limit: float, sds: float | Non
     int
         Deleted observations.
     """
-    residuals = []
-    for image_id in sorted(model.reg_image_ids()):
-        image = model.image(image_id)
-        for place, point in enumerate(image.points2D):
-            if point.has_point3D():
-                shown = image.project_point(model.point3D(point.point3D_id).xyz)
-                length = np.inf if shown is None else float(np.hypot(*(shown - point.xy)))
-                residuals.append((length, image_id, place))
+    residuals = _residuals(model)
     if not residuals:
         return 0
     if sds is not None:
@@ -181,6 +188,38 @@ def drop_outliers(model: pycolmap.Reconstruction, limit: float, sds: float | Non
             model.delete_observation(image_id, place)
             dropped += 1
     return dropped
+
+
+def tie_point_precision(model: pycolmap.Reconstruction) -> float | None:
+    """Standard deviation of the image position of a tie point, px, as the block itself tells.
+
+    Robust, from the median residual. Residuals are shorter than errors, as every place of a point and every
+    pose gives way to them: by the share of the measurements that is left over.
+
+    Returns
+    -------
+    float or None
+        None if nothing is left over.
+    """
+    lengths = [length for length, _, _ in _residuals(model)]
+    measured = 2 * len(lengths)
+    spare = measured - 3 * model.num_points3D() - 6 * model.num_reg_images()
+    if spare <= 0:
+        return None
+    return float(np.median(lengths)) / _RAYLEIGH_MEDIAN * float(np.sqrt(measured / spare))
+
+
+def _residuals(model: pycolmap.Reconstruction) -> list[tuple[float, int, int]]:
+    """Length (px), image and place in the image of every observation of a tie point."""
+    found = []
+    for image_id in sorted(model.reg_image_ids()):
+        image = model.image(image_id)
+        for place, point in enumerate(image.points2D):
+            if point.has_point3D():
+                shown = image.project_point(model.point3D(point.point3D_id).xyz)
+                length = np.inf if shown is None else float(np.hypot(*(shown - point.xy)))
+                found.append((length, image_id, place))
+    return found
 
 
 def focal_length_is_visible(

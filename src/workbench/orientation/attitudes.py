@@ -97,4 +97,5 @@ def _rotation(photograph: Photograph) -> Rotation:
 
 
 def _variance(photograph: Photograph, parameters: OrientParameters) -> np.ndarray:
-    return np.radians(photograph.attitude_sd or (parameters.attitude_sd,) * 3) ** 2
+    stated = photograph.attitude_sd or (parameters.attitude_sd,) * 3
+    return np.square(np.radians(np.array(stated, dtype=float)))

@@ -16,6 +16,7 @@ from workbench.site import ControlPoint, Observation
 _LEAST_CONTROL = 3
 _COLLINEAR = 0.02  # Smallest over largest spread of the points; below, a rotation about the line is free.
 _GROSS = 5.0
+_LEAST_SPARE = 10  # Measurements more than the places of the points need: a fifth of the precision is known.
 _STEP = 1e-4  # Metres, of the numerical derivative.
 _UNKNOWN = (float("nan"), float("nan"), float("nan"), float("nan"))
 
@@ -162,6 +163,22 @@ def residuals(
     return rows
 
 
+def pointing_precision(rows: Sequence[PointResidual]) -> float | None:
+    """Standard deviation of the pointed measurements of control points, px, by how well their rays meet.
+
+    Returns
+    -------
+    float or None
+        None with too few measurements to tell.
+    """
+    chosen = [row for row in rows if row.role == "control" and row.photographs > 1]
+    spare = sum(2 * row.photographs - 3 for row in chosen)
+    if spare < _LEAST_SPARE:
+        return None
+    squares = sum(row.photographs * row.reprojection_px**2 for row in chosen)
+    return float(np.sqrt(squares / spare))
+
+
 def worst_fitting(
     model: pycolmap.Reconstruction,
     rows: Sequence[PointResidual],
@@ -191,19 +208,26 @@ def worst_fitting(
         estimate = triangulate(model, measured[point.name])
         if estimate is None or row.role == "unused":
             continue
-        normal = np.zeros((3, 3))
-        for photo, _, _ in measured[point.name]:
-            image = model.find_image_with_name(photo)
-            if image is not None and image.has_pose:
-                _, design = project_with_derivative(image, estimate[None])
-                normal += design[0].T @ design[0]
         covariance = np.diag(np.square([point.sd_xy, point.sd_xy, point.sd_z]))
-        covariance += observation_sd**2 * np.linalg.inv(normal)
+        covariance += observation_sd**2 * intersection_cofactors(model, estimate, measured[point.name])
         difference = np.array([row.dx, row.dy, row.dz])
         sds = float(np.sqrt(difference @ np.linalg.solve(covariance, difference)))
         if sds > found[1]:
             found = (point.name, sds)
     return found
+
+
+def intersection_cofactors(
+    model: pycolmap.Reconstruction, place: np.ndarray, observations: Sequence[tuple[str, float, float]]
+) -> np.ndarray:
+    """Covariance (3, 3) of the place where rays of known poses meet, m2 per px2 of the image positions."""
+    normal = np.zeros((3, 3))
+    for photo, _, _ in observations:
+        image = model.find_image_with_name(photo)
+        if image is not None and image.has_pose:
+            _, design = project_with_derivative(image, place[None])
+            normal += design[0].T @ design[0]
+    return np.linalg.inv(normal)
 
 
 def rms(rows: Sequence[PointResidual], role: str) -> tuple[float | None, float | None]:

@@ -8,8 +8,20 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pycolmap
 
-from workbench.orientation.adjust import adjust, drop_outliers, focal_length_is_visible
-from workbench.orientation.control import PointResidual, align_to_control, by_point, residuals, worst_fitting
+from workbench.orientation.adjust import (
+    adjust,
+    drop_outliers,
+    focal_length_is_visible,
+    tie_point_precision,
+)
+from workbench.orientation.control import (
+    PointResidual,
+    align_to_control,
+    by_point,
+    pointing_precision,
+    residuals,
+    worst_fitting,
+)
 from workbench.params import OrientParameters
 from workbench.site import ControlPoint, Site
 
@@ -42,6 +54,10 @@ class Georeference:
     """What lets the block see its focal length, or hides it."""
     visible: bool
     """Whether the block can see its focal length."""
+    tie_point_sd: float | None = None
+    """Standard deviation of the image position of a tie point, px, once the block has shown it."""
+    pointing_sd: float | None = None
+    """The same of the measurement of a control point, where there are enough to show it."""
     doubtful: str = ""
     """Control point that fits badly, and how badly, where the others do not tell whether it is wrong."""
 
@@ -55,6 +71,8 @@ class Georeference:
             control=self.control,
             measured=self.measured,
             free_focal_length=self.free_focal_length,
+            tie_point_sd=self.tie_point_sd,
+            pointing_sd=self.pointing_sd,
         )
 
     def residuals(self, model: pycolmap.Reconstruction) -> list[PointResidual]:
@@ -98,9 +116,10 @@ def georeference(
     """Place and adjust a model in place, in the site's CRS minus ``offset``.
 
     A similarity onto the control points comes first where there are three of them (robust: points
-    that contradict the others are named and left out), then the weighted adjustment. A free block bends,
-    so that an error of decimetres shows only after it: where a point stands out, the adjustment is tried
-    without it.
+    that contradict the others are named and left out), then the weighted adjustment. In it tie points and
+    measurements of control points count by the precision that their residuals show: taken for less, they
+    let the block bend after the errors of its recorded positions. A free block bends, so that an error of
+    decimetres shows only after it: where a point stands out, the adjustment is tried without it.
 
     Raises
     ------
@@ -122,8 +141,9 @@ def georeference(
     # Where a threshold is sought by the checkpoints, nothing below the mapping's limit is decided before.
     sds = None if options.optimise else options.outlier_sds
     for _ in range(_ROUNDS):
-        if not drop_outliers(model, options.max_reprojection_error, sds):
-            break
+        drop_outliers(model, options.max_reprojection_error, sds)
+        pointing = pointing_precision(result.residuals(model))
+        result = replace(result, tie_point_sd=tie_point_precision(model), pointing_sd=pointing)
         result.adjust(model)
     return _without_gross_points(result, model)
 

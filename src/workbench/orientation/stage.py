@@ -188,11 +188,11 @@ def _precision(model: pycolmap.Reconstruction, fixed: Georeference) -> dict[str,
             surveyed.append((place, names, np.diag(np.square([point.sd_xy, point.sd_xy, point.sd_z]))))
     if fixed.options.georeference == "control":
         priors = {}
-    covariances = pose_covariances(
-        model, priors, fixed_points=surveyed, observation_sd=fixed.options.observation_sd
-    )
+    unit = fixed.tie_point_sd or fixed.options.observation_sd
+    covariances = pose_covariances(model, priors, fixed_points=surveyed, observation_sd=unit)
     sd = np.sqrt(np.median([np.diag(c) for c in covariances.values()], axis=0))
     return {
+        "tie_point_sd_px": round(unit, 4),
         "pose_sd_xy_m": round(float(np.hypot(sd[0], sd[1])), 5),
         "pose_sd_z_m": round(float(sd[2]), 5),
         "pose_sd_turn_deg": round(float(np.degrees(sd[3:].max())), 6),

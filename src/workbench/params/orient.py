@@ -93,7 +93,7 @@ class OrientParameters(Section):
     )
     observation_sd: float = parameter(
         1.0,
-        "Standard deviation of a measured image position.",
+        "Standard deviation of a measured image position, where the block has too few to show it.",
         unit="px",
         source="pointing at signalised targets",
         gt=0,
