@@ -20,7 +20,9 @@ import geopandas as gpd
 import numpy as np
 import pandas as pd
 import shapely
+import shapely.geometry
 import xarray as xr
+from rasterio.features import shapes
 from rasterio.fill import fillnodata
 from scipy import ndimage
 
@@ -333,12 +335,17 @@ def on_chain(site_names: list[str], root: Path, options: TreesParameters) -> Non
 
 
 def _site(name: str, root: Path) -> tuple[xr.DataArray, gpd.GeoDataFrame, gpd.GeoDataFrame]:
-    """Heights above ground, true trees and stands of a site that was flown over a scene and matched."""
+    """Heights above ground, true trees, and the stands as far as two photographs of the site see them."""
     site = load_site(name, root)
     if site.truth is None:
         raise SystemExit(f"{name} has no truth to compare with.")
     height = read_raster(site.products / "surface" / "ndsm.tif")
-    return height, references(site.truth), stands_of(name.split("-")[0])
+    stands = stands_of(name.split("-")[0])
+    possible = read_raster(site.products / "surface" / "possible_count.tif")
+    seen = (np.nan_to_num(possible.values) > 0).astype(np.uint8)
+    parts = shapes(seen, mask=seen == 1, transform=Grid.of(possible).transform)
+    area = shapely.union_all([shapely.geometry.shape(part) for part, _ in parts])
+    return height, references(site.truth), stands.assign(geometry=stands.intersection(area))
 
 
 def _print_published() -> None:
