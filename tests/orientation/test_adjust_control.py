@@ -261,3 +261,14 @@ def test_a_block_does_not_bend_after_drifting_positions(virtual_block):
     horizontal, vertical = rms(fixed.residuals(block.model), "check")
     assert horizontal <= GSD
     assert vertical <= 2 * GSD
+
+
+def test_covariance_of_a_block_that_rough_positions_fix(virtual_block):
+    """As a whole a block of 18 photographs is known to no better than 20 m over the root of 18."""
+    block = virtual_block()
+    found = pose_covariances(
+        block.model, {name: np.eye(3) * 20.0**2 for name in block.poses}, observation_sd=0.3
+    )
+    sd = np.sqrt([np.diag(c)[:3] for c in found.values()])
+    assert (sd > 20 / np.sqrt(18) * 0.99).all()
+    assert (sd < 20).all()

@@ -10,7 +10,7 @@ from scipy import sparse
 
 from workbench.orientation.tie_points import project_with_derivative
 
-_FREE = 1e-9  # Eigenvalues below this share of the largest belong to motions that nothing fixes.
+_FREE = 1e-12  # Eigenvalues below this share of the largest belong to motions that nothing fixes.
 
 
 def pose_covariances(
