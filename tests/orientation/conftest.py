@@ -9,15 +9,11 @@ from pathlib import Path
 import numpy as np
 import pycolmap
 import pytest
+from flown_block import CAMERA, HEIGHT, OFFSET  # type: ignore[import-not-found]
 from rasterio.crs import CRS
 
-from workbench.cameras import Camera, Pose
+from workbench.cameras import Pose
 from workbench.site import ControlPoint, Observation, Photograph, Site
-
-CAMERA = Camera("cam", 4000, 3000, 3000.0, 3000.0, 2000.0, 1500.0)
-OFFSET = np.array([500_000.0, 5_000_000.0, 0.0])
-HEIGHT = 90.0
-GSD = HEIGHT / CAMERA.focal_x
 
 
 @dataclass

@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pycolmap
 import pytest
+from flown_block import GSD, OFFSET  # type: ignore[import-not-found]
 
-from conftest import GSD, OFFSET  # type: ignore[import-not-found]
 from workbench.errors import OrientationError
 from workbench.orientation.control import rms
 from workbench.orientation.georeference import georeference

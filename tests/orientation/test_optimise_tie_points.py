@@ -4,8 +4,8 @@ import numpy as np
 import pandas as pd
 import pycolmap
 import pytest
+from flown_block import GSD, OFFSET  # type: ignore[import-not-found]
 
-from conftest import GSD, OFFSET  # type: ignore[import-not-found]
 from workbench.errors import OrientationError
 from workbench.orientation.georeference import georeference
 from workbench.orientation.optimise import (

@@ -6,15 +6,15 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from flown_block import OFFSET  # type: ignore[import-not-found]
 
-from conftest import OFFSET  # type: ignore[import-not-found]
 from workbench.errors import OrientationError
 from workbench.orientation import predict_observation, read_block
 from workbench.orientation.features import candidate_pairs
 from workbench.orientation.files import round_model, write_model
 from workbench.orientation.georeference import georeference
 from workbench.orientation.quality import doming
-from workbench.orientation.stage import far_from_recorded
+from workbench.orientation.strayed import far_from_recorded
 from workbench.params import OrientParameters
 from workbench.site import Observation, Photograph
 
@@ -104,10 +104,12 @@ def test_doming_is_found_and_flat_residuals_are_not_accused(virtual_block):
 
 def test_a_photograph_far_from_its_record_is_named(virtual_block):
     virtual = virtual_block()
-    assert far_from_recorded(virtual.model, virtual.site, OFFSET) == []
+    assert far_from_recorded(virtual.model, virtual.site, OFFSET)[0] == {}
     moved = [
         replace(p, position=(p.position[0] + 30, *p.position[1:])) if p.name == "1_2.jpg" else p
         for p in virtual.site.photographs
     ]
-    (warning,) = far_from_recorded(virtual.model, replace(virtual.site, photographs=tuple(moved)), OFFSET)
-    assert warning.startswith("1_2.jpg lies 30.") and "Set it aside" in warning
+    far, limit = far_from_recorded(virtual.model, replace(virtual.site, photographs=tuple(moved)), OFFSET)
+    assert list(far) == ["1_2.jpg"]
+    assert far["1_2.jpg"] == pytest.approx(30, abs=0.5)
+    assert 1 <= limit < 5

@@ -4,9 +4,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from flown_block import OFFSET  # type: ignore[import-not-found]
 from scipy.spatial.transform import Rotation
 
-from conftest import OFFSET  # type: ignore[import-not-found]
 from workbench.cameras import Pose
 from workbench.orientation.adjust import adjust
 from workbench.orientation.attitudes import recorded_turns

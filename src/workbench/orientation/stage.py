@@ -20,6 +20,7 @@ from workbench.orientation.mapping import map_block
 from workbench.orientation.optimise import Optimisation, errors_by_role, optimise_tie_points
 from workbench.orientation.precision import pose_covariances
 from workbench.orientation.quality import doming
+from workbench.orientation.strayed import Matches, far_from_recorded, replace_strayed
 from workbench.orientation.tie_points import TiePoints, feature_scales, tie_points
 from workbench.params import OrientParameters, Parameters
 from workbench.points import write_points
@@ -27,8 +28,6 @@ from workbench.site import Site, check_site
 from workbench.stages import FOLDERS, open_stage
 
 _LEAST_PHOTOGRAPHS = 2
-_FAR = 10.0  # Times the median distance of adjusted and recorded positions.
-_LEAST_FAR = 1.0  # Metres; precise recorders would make a handful of decimetres look far.
 
 
 def orient_site(site: Site, parameters: Parameters) -> dict:
@@ -53,13 +52,11 @@ def orient_site(site: Site, parameters: Parameters) -> dict:
     options = parameters.orient
     with open_stage(site.products / FOLDERS["orient"], {"orient": options}) as stage:
         offset = _offset(site)
-        database = match_features(site, options, stage.path("work"))
-        model, models = map_block(site, database, offset, options, stage.path("work"))
+        model, models, replaced, database = _map(site, offset, options, stage.path("work"))
         fixed = georeference(model, site, offset, options)
-        handle = pycolmap.Database.open(database)
-        scales = feature_scales(handle)
-        reasons = _reasons(model, site, handle)
-        handle.close()
+        scales = feature_scales(database)
+        reasons = _reasons(model, site, database)
+        database.close()
         optimisation = _optimise(model, fixed, scales, options) if options.optimise else None
         if optimisation is not None:
             model = optimisation.model
@@ -74,7 +71,11 @@ def orient_site(site: Site, parameters: Parameters) -> dict:
         write_cameras(model, site, offset, reasons, stage.path("cameras.csv"))
         write_control(rows, stage.path("control.csv"))
         _write_tie_points(points, offset, site, stage.path("tie_points.laz"))
-        warnings += far_from_recorded(model, site, offset)
+        warnings += [
+            f"{name} fitted a place that looks like its ground; it was put back where it was recorded."
+            for name in replaced
+        ]
+        warnings += _stray_warnings(model, site, offset)
         if models > 1:
             warnings.append(f"{models} separate models: the largest is used, the others are not connected.")
         if reasons:
@@ -103,12 +104,10 @@ def repeat_optimisation(site: Site, options: OrientParameters, work: Path) -> pd
     for seed in range(options.seed, options.seed + options.repetitions):
         seeded = options.model_copy(update={"seed": seed})
         # Matches depend on the seed too (RANSAC): each seed has its own database.
-        database = match_features(site, seeded, work / f"seed-{seed}")
-        model, _ = map_block(site, database, offset, seeded, work / f"seed-{seed}")
+        model, _, _, database = _map(site, offset, seeded, work / f"seed-{seed}")
         fixed = georeference(model, site, offset, seeded)
-        handle = pycolmap.Database.open(database)
-        scales = feature_scales(handle)
-        handle.close()
+        scales = feature_scales(database)
+        database.close()
         best = _optimise(model, fixed, scales, seeded)
         row = {"seed": seed, "registered": best.model.num_reg_images(), "threshold_px": best.threshold}
         row["cross_validated_m"] = best.cross_validated_error
@@ -144,6 +143,19 @@ def _offset(site: Site) -> np.ndarray:
     offset = np.floor(np.median(np.array(places), axis=0) / 100) * 100
     offset[2] = 0.0
     return offset
+
+
+def _map(
+    site: Site, offset: np.ndarray, options: OrientParameters, work: Path
+) -> tuple[pycolmap.Reconstruction, int, list[str], pycolmap.Database]:
+    """First model, number of models, photographs that were put back at their records, open database."""
+    path = match_features(site, options, work)
+    model, models = map_block(site, path, offset, options, work)
+    database = pycolmap.Database.open(path)
+    replaced = []
+    if options.georeference != "control":  # Only recorded positions place a first model in the site.
+        replaced = replace_strayed(model, site, offset, _matches_of(database), options.seed)
+    return model, models, replaced, database
 
 
 def _optimise(
@@ -223,24 +235,23 @@ def _reasons(model: pycolmap.Reconstruction, site: Site, database: pycolmap.Data
     return reasons
 
 
-def far_from_recorded(model: pycolmap.Reconstruction, site: Site, offset: np.ndarray) -> list[str]:
+def _stray_warnings(model: pycolmap.Reconstruction, site: Site, offset: np.ndarray) -> list[str]:
     """Photographs much farther from their recorded position than the others: one of the two is wrong."""
-    away = {}
-    for photograph in site.photographs:
-        image = model.find_image_with_name(photograph.name)
-        if image is not None and image.has_pose and photograph.position is not None:
-            away[photograph.name] = float(
-                np.linalg.norm((image.projection_center() + offset - photograph.position)[:2])
-            )
-    if not away:
-        return []
-    limit = max(_FAR * float(np.median(list(away.values()))), _LEAST_FAR)
+    far, _ = far_from_recorded(model, site, offset)
     return [
         f"{name} lies {distance:.1f} m from its recorded position, much farther than the others: it was "
         "matched wrongly, or the record is wrong. Set it aside, or empty its position, in photographs.csv."
-        for name, distance in away.items()
-        if distance > limit
+        for name, distance in far.items()
     ]
+
+
+def _matches_of(database: pycolmap.Database) -> Matches:
+    def read(one: int, other: int) -> np.ndarray:
+        if not database.exists_two_view_geometry(one, other):
+            return np.empty((0, 2), int)
+        return np.asarray(database.read_two_view_geometry(one, other).inlier_matches)
+
+    return read
 
 
 def _write_tie_points(points: TiePoints, offset: np.ndarray, site: Site, path: Any) -> None:
