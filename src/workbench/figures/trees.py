@@ -45,6 +45,8 @@ _SLIDERS: tuple[tuple[str, str, float, float, float], ...] = (
     ("window_growth", "Growing radius: per metre of height", 0.0, 0.3, 0.005),
     ("min_height", "Minimum height (m)", 1.0, 20.0, 0.5),
     ("spacing", "Spacing of tops (m)", 0.5, 10.0, 0.25),
+    ("top_smoothing", "Smoothing before tops (m)", 0.0, 1.0, 0.05),
+    ("prominence_share", "Least prominence (share of height)", 0.0, 0.2, 0.005),
     ("smoothing_size", "Filter size (cells of 0.2 m)", 1, 99, 2),
     ("smoothing_sigma", "Filter sigma (m)", 0.5, 30.0, 0.5),
     ("max_slope", "Largest slope (degrees)", 10.0, 90.0, 1.0),
