@@ -7,13 +7,15 @@ import signal
 import subprocess
 import sys
 import time
+from types import SimpleNamespace
 
 import pandas as pd
 import pytest
 from distributed import LocalCluster
 
 from workbench.errors import StudyError
-from workbench.studies import runner
+from workbench.rasters import Grid, read_raster
+from workbench.studies import responses, runner
 from workbench.studies.design import Study, load_study
 from workbench.studies.runner import estimate_study, run_study
 
@@ -73,6 +75,17 @@ def test_leaving_photographs_out_opens_the_angle(result):
     assert value[1, "nmad_meadow"] < 0.22
     assert result.failed.empty
     assert (result.costs["seconds"] > 0).all()
+
+
+def test_counts_are_those_of_the_scene_and_not_of_the_land_around_it(root, result):
+    (truth,) = (root / "data" / "studies" / "steps").glob("simulate-*/data/sites/*/truth")
+    counts = (root / "data" / "studies" / "steps").glob("surface-*/data/products/*/surface/count.tif")
+    site = SimpleNamespace(truth=truth, name="patch")
+    for path in counts:
+        grid = Grid.of(read_raster(path))
+        inside = responses._known(site, grid)
+        assert inside.sum() * grid.resolution**2 == pytest.approx(24 * 16, rel=0.05)
+        assert inside.size > 2 * inside.sum()
 
 
 def test_files_say_what_was_done(result):

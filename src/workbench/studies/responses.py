@@ -201,8 +201,9 @@ def cover_names(site: Site) -> dict[int, str]:
 
 
 def _known(site: Site, grid: Grid) -> np.ndarray:
+    """Cells of a grid within the scene: beyond it the matched raster holds no code of a land cover."""
     cover = match_grid(read_raster(_truth(site, "counts") / "cover.tif"), grid, resampling="nearest")
-    return cover.to_numpy() > 0
+    return np.isin(cover.to_numpy(), [code for code in cover_names(site) if code > 0])
 
 
 def _truth(site: Site, what: str):
