@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pandas as pd
 from scipy import stats
 
@@ -59,7 +60,8 @@ def side_by_side(root: Path = Path()) -> tuple[SideBySide, ...]:
                 simulated = float(evidence.values(study, response, **levels).mean())
             except NotTestable:
                 continue
-            cells.append((cell, published, simulated))
+            if np.isfinite(simulated):  # Correctness of no tops is not a number.
+                cells.append((cell, published, simulated))
         if cells:
             frame = pd.DataFrame(cells, columns=["cell", "published", "simulated"])
             found.append(SideBySide(table, study, frame))
