@@ -138,9 +138,9 @@ RIGHT = ("ArrowRight",)
 MOVES = {
     "growth": (3, 0, RIGHT),
     "minimum height": (4, 0, RIGHT),
-    "filter size": (6, 2, RIGHT),
-    "slope": (8, 0, RIGHT),
-    "GLI": (11, 0, RIGHT),
+    "filter size": (8, 2, RIGHT),
+    "slope": (10, 0, RIGHT),
+    "GLI": (13, 0, RIGHT),
 }
 
 
