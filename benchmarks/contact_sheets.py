@@ -52,10 +52,10 @@ def sheet(name: str) -> Image.Image:
     dull = take_photograph(scene, flight, exposure, replace(conditions, cloudiness=1.0)).pixels
     part = most_varied(clear)
     panels = [
-        (whole(clear[..., :3]), f"{name}: {plan.camera}, GSD {100 * flight.gsd:.0f} cm"),
+        (whole(wide(clear)[..., :3]), f"{name}: {plan.camera}, GSD {100 * flight.gsd:.0f} cm"),
         (whole(clear[part][..., :3]), "pixel by pixel"),
         (whole(clear[part][..., [3, 0, 1]]), "near infrared, red, green"),
-        (whole(dull[..., :3]), "overcast"),
+        (whole(wide(dull)[..., :3]), "overcast"),
     ]
     image = Image.new("RGB", (2 * PANEL[0], 2 * PANEL[1]))
     draw = ImageDraw.Draw(image)
@@ -80,6 +80,18 @@ def most_varied(pixels: np.ndarray) -> tuple[slice, slice]:
         starts, key=lambda at: grey[at[0] : at[0] + rows : 8, at[1] : at[1] + columns : 8].var()
     )
     return slice(row, row + rows), slice(column, column + columns)
+
+
+def wide(pixels: np.ndarray) -> np.ndarray:
+    """Of a frame much longer than wide, the most varied part in the shape of a panel."""
+    rows, columns = pixels.shape[:2]
+    height = columns * PANEL[1] // PANEL[0]
+    if rows <= 1.5 * columns:
+        return pixels
+    grey = pixels[::8, ::8, :3].mean(axis=2)
+    starts = np.linspace(0, rows - height, 40).astype(int)
+    start = max(starts, key=lambda row: grey[row // 8 : (row + height) // 8].var())
+    return pixels[start : start + height]
 
 
 def whole(pixels: np.ndarray) -> Image.Image:
