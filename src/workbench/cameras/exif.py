@@ -103,18 +103,16 @@ def _read_xmp(head: bytes, tags: dict[str, Any]) -> dict[str, str]:
 
 def _gimbal(xmp: dict[str, str]) -> tuple[float, float, float] | None:
     """Of DJI only: the zero of the pitch of the ``Camera`` schema differs from maker to maker."""
-    values = [_float(xmp.get(f"Gimbal{axis}Degree")) for axis in ("Roll", "Pitch", "Yaw")]
-    if any(value is None for value in values):
+    roll, pitch, yaw = (_float(xmp.get(f"Gimbal{axis}Degree")) for axis in ("Roll", "Pitch", "Yaw"))
+    if roll is None or pitch is None or yaw is None:
         return None
-    roll, pitch, yaw = values
-    return roll, pitch, yaw  # type: ignore[return-value]
+    return roll, pitch, yaw
 
 
 def _position_sd(tags: dict[str, Any], xmp: dict[str, str]) -> tuple[float, float, float] | None:
-    rtk = [_float(xmp.get(key)) for key in ("RtkStdLon", "RtkStdLat", "RtkStdHgt")]
-    if all(value is not None and value > 0 for value in rtk):
-        east, north, up = rtk
-        return east, north, up  # type: ignore[return-value]
+    east, north, height = (_float(xmp.get(key)) for key in ("RtkStdLon", "RtkStdLat", "RtkStdHgt"))
+    if east and north and height and min(east, north, height) > 0:
+        return east, north, height
     across, up = _float(xmp.get("GPSXYAccuracy")), _float(xmp.get("GPSZAccuracy"))
     if across and up and min(across, up) > 0:
         return across, across, up

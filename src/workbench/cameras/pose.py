@@ -56,7 +56,7 @@ class Pose:
         phi = np.arcsin(np.clip(m[0, 2], -1, 1))
         omega = np.arctan2(-m[1, 2], m[2, 2])
         kappa = np.arctan2(-m[0, 1], m[0, 0])
-        return tuple(float(np.degrees(angle)) for angle in (omega, phi, kappa))  # type: ignore[return-value]
+        return float(np.degrees(omega)), float(np.degrees(phi)), float(np.degrees(kappa))
 
     @property
     def view_direction(self) -> np.ndarray:

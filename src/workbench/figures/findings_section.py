@@ -8,10 +8,7 @@ import pandas as pd
 
 from workbench.figures.sections import Picture, Section, Table
 from workbench.figures.study_figures import draw_verdicts
-
-TABLE = Path("data") / "studies" / "findings.csv"
-"""Below the root, written by `workbench study findings`."""
-_PAPERS = {"reed": "Aquatic reed", "tree": "Single trees", "ortho": "Orthomosaics"}
+from workbench.studies.findings import PAPERS, TABLE
 
 
 def findings_section(root: Path) -> Section | None:
@@ -41,7 +38,7 @@ def findings_section(root: Path) -> Section | None:
             ["", "finding", "published", "ours", "verdict"],
             title,
         )
-        for source, title in _PAPERS.items()
+        for source, title in PAPERS.items()
     ]
     caption = "Verdicts; pale where an interval over seeds holds the threshold of the rule."
     return Section("Findings", text, tables, [Picture.of(draw_verdicts(findings), caption, wide=True)])

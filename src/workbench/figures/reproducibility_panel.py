@@ -16,6 +16,7 @@ from workbench.figures.controls import write_button
 from workbench.rasters import Grid, match_grid, read_raster
 from workbench.site import Site
 from workbench.site.tables import read_table
+from workbench.studies.correlation import Method
 from workbench.studies.repetitions import common_area
 from workbench.studies.reproducibility import NOT_COMPARED, Reproducibility, reproducibility
 
@@ -69,7 +70,7 @@ class ReproducibilityPanel:
             "study.correlation_method": self.method.value,
         }
 
-    def result(self, surface: str, threshold: float, window: int, method: str) -> Reproducibility:
+    def result(self, surface: str, threshold: float, window: int, method: Method) -> Reproducibility:
         """The reproducibility layer at these limits."""
         key = (surface, threshold, window, method)
         if key not in self._results:
@@ -77,7 +78,7 @@ class ReproducibilityPanel:
                 self.mosaics(surface),
                 threshold=threshold,
                 window=window,
-                method=method,  # type: ignore[arg-type]
+                method=method,
             )
         return self._results[key]
 
@@ -94,7 +95,7 @@ class ReproducibilityPanel:
             self._mosaics[surface] = [mosaic.isel(y=rows, x=columns).load() for mosaic in found]
         return self._mosaics[surface]
 
-    def map(self, surface: str, threshold: float, window: int, method: str) -> hv.Image:
+    def map(self, surface: str, threshold: float, window: int, method: Method) -> hv.Image:
         """Pairs in which a pixel is identical; yellow in all, blue in none."""
         result = self.result(surface, threshold, window, method)
         values = result.layer.values.astype(np.float32)
@@ -122,14 +123,14 @@ class ReproducibilityPanel:
             colours / np.iinfo(colours.dtype).max, bounds=Grid.of(mosaic).bounds, kdims=["east", "north"]
         ).opts(width=500, height=460, data_aspect=1, title="one of the orthophotos")
 
-    def shares(self, surface: str, threshold: float, window: int, method: str) -> pn.pane.DataFrame:
+    def shares(self, surface: str, threshold: float, window: int, method: Method) -> pn.pane.DataFrame:
         """Share of the pixels that are identical in all pairs, by land cover where truth tells it."""
         result = self.result(surface, threshold, window, method)
         table = result.share_by(*self._cover(Grid.of(result.layer), result.layer))
         shown = table[table.pixels > 0].assign(share=(100 * table["share"]).round(1))
         return pn.pane.DataFrame(shown.rename(columns={"share": "identical in all pairs (%)"}), index=False)
 
-    def histogram(self, surface: str, threshold: float, window: int, method: str) -> hv.Bars:
+    def histogram(self, surface: str, threshold: float, window: int, method: Method) -> hv.Bars:
         """Pixels by the number of pairs in which they are identical."""
         table: pd.DataFrame = self.result(surface, threshold, window, method).histogram()
         return hv.Bars(table, "identical_pairs", "share").opts(

@@ -90,37 +90,57 @@ def adjust(
     unit = tie_point_sd or parameters.observation_sd
     # Pointed measurements share it: by how much they are worse is added to the survey of their point.
     excess = max((pointing_sd or parameters.observation_sd) ** 2 - unit**2, 0.0)
-    kept_alive: list[object] = []  # The problem holds bare pointers to what Python owns.
+    # The problem holds bare pointers to what Python owns.
+    kept_alive = [
+        _hold_lenses(adjuster.problem, model, free_focal_length),
+        _add_positions(adjuster.problem, model, priors, unit),
+        _add_turns(adjuster.problem, model, turns, unit),
+        _add_survey(adjuster.problem, model, added, measured or {}, offset, unit, excess),
+    ]
+    adjuster.solve()
+    del kept_alive
+    _remove_control(model, added)
+    model.update_point_3d_errors()
+
+
+def _hold_lenses(problem: pyceres.Problem, model: pycolmap.Reconstruction, free_focal_length: bool) -> list:
     held = _PRINCIPAL + _RATIONAL + ([] if free_focal_length else _FOCAL)
+    kept = []
     for camera in model.cameras.values():
         lens = camera.params
         manifold = pyceres.SubsetManifold(len(lens), sorted(held))
-        kept_alive.append((lens, manifold))
-        adjuster.problem.set_manifold(lens, manifold)
+        kept.append((lens, manifold))
+        problem.set_manifold(lens, manifold)
+    return kept
+
+
+def _add_positions(
+    problem: pyceres.Problem,
+    model: pycolmap.Reconstruction,
+    priors: Mapping[int, tuple[np.ndarray, np.ndarray]],
+    unit: float,
+) -> list:
+    kept = []
     for image_id, (position, covariance) in priors.items():
         pose = model.image(image_id).frame.rig_from_world.params
         cost = pycolmap.cost_functions.AbsolutePosePositionPriorCost(covariance / unit**2, position)
         loss = pyceres.CauchyLoss(_PRIOR_LOSS * unit)
-        kept_alive.append((pose, cost, loss))
-        adjuster.problem.add_residual_block(cost, loss, [pose])
+        kept.append((pose, cost, loss))
+        problem.add_residual_block(cost, loss, [pose])
+    return kept
+
+
+def _add_turns(
+    problem: pyceres.Problem, model: pycolmap.Reconstruction, turns: Sequence[Turn], unit: float
+) -> list:
+    kept = []
     for turn in turns:
         numbers = [turn.image] if turn.reference is None else [turn.image, turn.reference]
         poses = [model.image(number).frame.rig_from_world.params for number in numbers]
         cost, loss = _turn_cost(turn, unit)
-        kept_alive.append((poses, cost, loss))
-        adjuster.problem.add_residual_block(cost, loss, poses)
-    for number, point in added.items():
-        place = model.point3D(number).xyz
-        target = np.array([point.x, point.y, point.z]) - offset
-        covariance = np.diag(np.square([point.sd_xy, point.sd_xy, point.sd_z]))
-        if excess:
-            covariance += excess * intersection_cofactors(model, place, (measured or {})[point.name])
-        cost = pyceres.factors.NormalPrior(target, covariance / unit**2)
-        kept_alive.append((place, cost))
-        adjuster.problem.add_residual_block(cost, None, [place])
-    adjuster.solve()
-    _remove_control(model, added)
-    model.update_point_3d_errors()
+        kept.append((poses, cost, loss))
+        problem.add_residual_block(cost, loss, poses)
+    return kept
 
 
 def _turn_cost(turn: Turn, unit: float) -> tuple[pyceres.CostFunction, pyceres.LossFunction]:
@@ -132,6 +152,29 @@ def _turn_cost(turn: Turn, unit: float) -> tuple[pyceres.CostFunction, pyceres.L
     if turn.reference is None:  # Another convention of angles would be degrees off: it must lose.
         return costs.AbsolutePosePriorCost(covariance, prior), pyceres.CauchyLoss(width)
     return costs.RelativePosePriorCost(covariance, prior), pyceres.HuberLoss(width)
+
+
+def _add_survey(
+    problem: pyceres.Problem,
+    model: pycolmap.Reconstruction,
+    added: Mapping[int, ControlPoint],
+    measured: Mapping[str, list[tuple[str, float, float]]],
+    offset: np.ndarray,
+    unit: float,
+    excess: float,
+) -> list:
+    """Surveyed coordinates; ``excess`` (px2) is by how much pointed measurements are worse than the unit."""
+    kept = []
+    for number, point in added.items():
+        place = model.point3D(number).xyz
+        target = np.array([point.x, point.y, point.z]) - offset
+        covariance = np.diag(np.square([point.sd_xy, point.sd_xy, point.sd_z]))
+        if excess:
+            covariance += excess * intersection_cofactors(model, place, measured[point.name])
+        cost = pyceres.factors.NormalPrior(target, covariance / unit**2)
+        kept.append((place, cost))
+        problem.add_residual_block(cost, None, [place])
+    return kept
 
 
 def _use_brown_lens(model: pycolmap.Reconstruction) -> None:

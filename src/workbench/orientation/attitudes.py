@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import defaultdict
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -11,10 +12,19 @@ from scipy.spatial.transform import Rotation
 
 from workbench.cameras import Pose
 from workbench.params import OrientParameters
-from workbench.site import Photograph, Site
+from workbench.site import Site
 
 _LEAST = 4  # Photographs of a strip: fewer do not tell the mounting from the noise.
 _MOST_TURNED = 15.0  # Degrees; beyond, the records count from other axes than ours.
+
+
+class _Record(NamedTuple):
+    """Attitude of a photograph as it was recorded."""
+
+    image: int
+    rotation: Rotation
+    variance: np.ndarray
+    """(3,): of small turns about x, y, z of the site's CRS, radians squared."""
 
 
 class Turn(NamedTuple):
@@ -45,31 +55,29 @@ def recorded_turns(model: pycolmap.Reconstruction, site: Site, parameters: Orien
         Roughly placed in the site's CRS.
     """
     by_name = {photograph.name: photograph for photograph in site.photographs}
-    strips: dict[tuple[str, int], list[int]] = defaultdict(list)
+    strips: dict[tuple[str, int], list[_Record]] = defaultdict(list)
     for image_id in sorted(model.reg_image_ids(), key=lambda number: by_name[model.image(number).name].order):
         photograph = by_name[model.image(image_id).name]
-        if photograph.attitude is not None and (photograph.attitude_sd or parameters.attitude_sd):
-            strips[photograph.camera, photograph.strip].append(image_id)
+        stated = photograph.attitude_sd or (parameters.attitude_sd and (parameters.attitude_sd,) * 3)
+        if photograph.attitude is not None and stated:
+            pose = Pose.from_omega_phi_kappa(np.zeros(3), *photograph.attitude)
+            record = _Record(image_id, Rotation.from_matrix(pose.rotation), np.square(np.radians(stated)))
+            strips[photograph.camera, photograph.strip].append(record)
     found = []
-    for numbers in strips.values():
-        if len(numbers) < _LEAST:
-            continue
-        photographs = [by_name[model.image(number).name] for number in numbers]
-        mounting = _mounting([model.image(number) for number in numbers], photographs)
+    for records in strips.values():
+        mounting = _mounting(model, records) if len(records) >= _LEAST else None
         if mounting is None:
             continue
-        recorded = [_rotation(photograph) for photograph in photographs]
-        middle = len(numbers) // 2
-        reference = (mounting * recorded[middle]).as_matrix()
-        for k, number in enumerate(numbers):
-            variance = _variance(photographs[k], parameters)
-            if k == middle:
-                variance = variance + np.radians(parameters.mounting_sd) ** 2
-                found.append(_turn(number, None, recorded[k].as_matrix(), np.eye(3), variance))
+        middle = records[len(records) // 2]
+        reference = (mounting * middle.rotation).as_matrix()
+        for record in records:
+            if record is middle:
+                variance = record.variance + np.radians(parameters.mounting_sd) ** 2
+                found.append(_turn(record.image, None, record.rotation.as_matrix(), np.eye(3), variance))
             else:
-                variance = variance + _variance(photographs[middle], parameters)
-                rotation = (mounting * recorded[k]).as_matrix()
-                found.append(_turn(number, numbers[middle], rotation, reference, variance))
+                rotation = (mounting * record.rotation).as_matrix()
+                variance = record.variance + middle.variance
+                found.append(_turn(record.image, middle.image, rotation, reference, variance))
     return found
 
 
@@ -80,22 +88,13 @@ def _turn(
     return Turn(image, reference, rotation @ other.T, rotation @ np.diag(variance) @ rotation.T)
 
 
-def _mounting(images: list[pycolmap.Image], photographs: list[Photograph]) -> Rotation | None:
+def _mounting(model: pycolmap.Reconstruction, records: Sequence[_Record]) -> Rotation | None:
     """Median turn from recorded to adjusted attitudes; None if no mounting can explain it."""
-    adjusted = Rotation.from_matrix([image.cam_from_world().rotation.matrix() for image in images])
-    recorded = Rotation.concatenate([_rotation(photograph) for photograph in photographs])
+    adjusted = Rotation.from_matrix(
+        [model.image(record.image).cam_from_world().rotation.matrix() for record in records]
+    )
+    recorded = Rotation.concatenate([record.rotation for record in records])
     turns = (adjusted * recorded.inv()).as_rotvec(degrees=True)
     if np.median(np.linalg.norm(turns, axis=1)) > _MOST_TURNED:
         return None
-    median = np.median(turns, axis=0)
-    return Rotation.from_rotvec(median, degrees=True)
-
-
-def _rotation(photograph: Photograph) -> Rotation:
-    pose = Pose.from_omega_phi_kappa(np.zeros(3), *photograph.attitude)  # type: ignore[misc]
-    return Rotation.from_matrix(pose.rotation)
-
-
-def _variance(photograph: Photograph, parameters: OrientParameters) -> np.ndarray:
-    stated = photograph.attitude_sd or (parameters.attitude_sd,) * 3
-    return np.square(np.radians(np.array(stated, dtype=float)))
+    return Rotation.from_rotvec(np.median(turns, axis=0), degrees=True)

@@ -11,10 +11,9 @@ import pycolmap
 
 from workbench.errors import OrientationError
 from workbench.orientation.tie_points import project_with_derivative
-from workbench.site import ControlPoint, Observation
+from workbench.site import ControlPoint, Observation, on_a_line
 
 _LEAST_CONTROL = 3
-_COLLINEAR = 0.02  # Smallest over largest spread of the points; below, a rotation about the line is free.
 _GROSS = 5.0
 _LEAST_SPARE = 10  # Measurements more than the places of the points need: a fifth of the precision is known.
 _STEP = 1e-4  # Metres, of the numerical derivative.
@@ -123,7 +122,7 @@ def align_to_control(
     src, tgt = np.array(source), np.array(target)
     keep = _consistent(src, tgt, np.array(tolerance))
     # After what is far off, or one point in another zone would make the others look like a line.
-    if _on_a_line(tgt[keep]):
+    if on_a_line(tgt[keep]):
         raise OrientationError(
             f"Control points {', '.join(names)} lie on a line: the block could turn about it. Add one beside."
         )
@@ -259,7 +258,7 @@ def _consistent(source: np.ndarray, target: np.ndarray, tolerance: np.ndarray) -
         for k in np.flatnonzero(keep):
             rest = keep.copy()
             rest[k] = False
-            if _on_a_line(target[rest]):
+            if on_a_line(target[rest]):
                 continue
             error = _misfit(source, target, rest)[rest].max()
             if error < best_rest:
@@ -270,11 +269,6 @@ def _consistent(source: np.ndarray, target: np.ndarray, tolerance: np.ndarray) -
             break
         keep[worst] = False
     return keep
-
-
-def _on_a_line(points: np.ndarray) -> bool:
-    spread = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)
-    return bool(spread[1] < _COLLINEAR * spread[0])
 
 
 def _misfit(source: np.ndarray, target: np.ndarray, keep: np.ndarray) -> np.ndarray:

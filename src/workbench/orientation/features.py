@@ -125,7 +125,7 @@ def candidate_pairs(photographs: tuple[Photograph, ...], neighbours: int) -> lis
         if p.position is None:
             pairs |= {(min(k, m), max(k, m)) for m in range(len(photographs)) if m != k}
     if len(placed) > 1:
-        xy = np.array([photographs[k].position[:2] for k in placed])  # type: ignore[index]
+        xy = np.array([p.position[:2] for p in photographs if p.position is not None])
         cameras = np.array([photographs[k].camera for k in placed])
         for place, k in enumerate(placed):
             distance = np.hypot(*(xy - xy[place]).T)

@@ -156,11 +156,17 @@ def _without_gross_points(fixed: Georeference, model: pycolmap.Reconstruction) -
             break
         rest = tuple(point for point in fixed.control if point.name != name)
         without = replace(fixed, control=rest, gross=(*fixed.gross, name))
-        trial = pycolmap.Reconstruction(model)
-        if len(rest) > _LEAST_CONTROL:  # Three fit whatever they are.
-            without.adjust(trial)
-        if len(rest) <= _LEAST_CONTROL or misfit < _GROSS * without.worst_fitting(trial)[1]:
+        if not _fits_without(without, model, misfit):
             return replace(fixed, doubtful=f"{name} by {misfit:.1f} standard deviations")
         without.adjust(model)
         fixed = without
     return fixed
+
+
+def _fits_without(without: Georeference, model: pycolmap.Reconstruction, misfit: float) -> bool:
+    """Whether the other points fit much better among themselves; three fit whatever they are."""
+    if len(without.control) <= _LEAST_CONTROL:
+        return False
+    trial = pycolmap.Reconstruction(model)
+    without.adjust(trial)
+    return misfit >= _GROSS * without.worst_fitting(trial)[1]

@@ -261,7 +261,8 @@ def _write_tie_points(points: TiePoints, offset: np.ndarray, site: Site, path: A
         "projection_accuracy": points.projection_accuracy.astype(np.float32),
         "image_count": points.image_count,
     }
-    write_points(points.xyz + offset, path, crs=site.crs.to_wkt(), attributes=attributes)  # type: ignore[union-attr]
+    crs = site.crs.to_wkt()  # type: ignore[union-attr]  # _require_answers refuses sites without.
+    write_points(points.xyz + offset, path, crs=crs, attributes=attributes)
 
 
 def _metrics(

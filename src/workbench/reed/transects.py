@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from itertools import pairwise
+from typing import Any
 
 import geopandas as gpd
 import numpy as np
@@ -165,13 +166,13 @@ def _reaches(feet: np.ndarray, out: np.ndarray, length: float) -> np.ndarray:
     return reach
 
 
-def _walk(row: object, shore: BaseGeometry) -> np.ndarray:
+def _walk(row: Any, shore: BaseGeometry) -> np.ndarray:
     """Ends (2, 2) of a transect, first the one in the water."""
-    line = row.geometry  # type: ignore[attr-defined]
+    line = row.geometry
     if line is None or line.geom_type != "LineString" or line.length == 0:
         kind = "nothing" if line is None else line.geom_type
         raise ReedError(
-            f"Transect {row.transect} of {row.aoi} is {kind}: draw a line from the water to the shore."  # type: ignore[attr-defined]
+            f"Transect {row.transect} of {row.aoi} is {kind}: draw a line from the water to the shore."
         )
     ends = shapely.get_coordinates(line)[[0, -1], :2]
     if not shore.is_empty:

@@ -1,7 +1,7 @@
 """Sites: photographs, positions, control and references of one area on one date."""
 
 from workbench.site.check import CheckReport, check_site
-from workbench.site.control import read_control, read_gcp_list, read_observations
+from workbench.site.control import on_a_line, read_control, read_gcp_list, read_observations
 from workbench.site.estimate import CostEstimate, estimate_cost
 from workbench.site.files import load_site
 from workbench.site.inputs import write_inputs
@@ -27,6 +27,7 @@ __all__ = [
     "ground_height",
     "load_site",
     "new_site",
+    "on_a_line",
     "overlap_map",
     "read_control",
     "read_gcp_list",

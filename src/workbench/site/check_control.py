@@ -8,6 +8,7 @@ from collections.abc import Iterator
 import numpy as np
 from pyproj import CRS, Transformer
 
+from workbench.site.control import on_a_line
 from workbench.site.model import ControlPoint, Problem, Site
 from workbench.site.places import outside_area
 
@@ -84,18 +85,13 @@ def _numbers(site: Site) -> Iterator[Problem]:
     # A point in another zone or with swapped axes, named below, would make the others look like a line.
     crs = None if site.crs is None else CRS.from_user_input(site.crs)
     xy = np.array([(p.x, p.y) for p in useful if _away_from_area(p, crs) is None])
-    if len(xy) >= 3 and placed < 3 and _on_a_line(xy):
+    if len(xy) >= 3 and placed < 3 and on_a_line(xy):
         yield Problem(
             "error",
             file,
             "all control points lie on a line.",
             "Measure one beside it, or the block can roll.",
         )
-
-
-def _on_a_line(xy: np.ndarray) -> bool:
-    spread = np.linalg.svd(xy - xy.mean(axis=0), compute_uv=False)
-    return bool(spread[1] < 0.02 * spread[0])
 
 
 def _places(site: Site) -> Iterator[Problem]:

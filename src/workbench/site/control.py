@@ -7,6 +7,7 @@ import io
 import re
 from pathlib import Path
 
+import numpy as np
 from pyproj import CRS, Transformer
 from pyproj.exceptions import CRSError
 
@@ -16,8 +17,15 @@ from workbench.site.tables import number, read_table
 
 CONTROL_HEADER = "name,x,y,z,sd_xy,sd_z,role"
 OBSERVATION_HEADER = "name,photo,column,row"
+_COLLINEAR = 0.02  # Second over largest spread of points; below, a rotation about the line is free.
 _USUAL_SD = 0.02  # Survey with RTK, where the file leaves the accuracy open.
 _ODM_SD = 0.05  # gcp_list.txt states no accuracy; RTK surveys of signalled points reach 2-5 cm.
+
+
+def on_a_line(points: np.ndarray) -> bool:
+    """Whether points (n, 2 or 3) lie so close to a line that a block could turn about it."""
+    spread = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)
+    return bool(spread[1] < _COLLINEAR * spread[0])
 
 
 def read_control(path: Path | str) -> tuple[ControlPoint, ...]:

@@ -15,6 +15,7 @@ from workbench.site import Site
 from workbench.site.overlap import ground_height, overlap_map
 from workbench.studies.analysis import means
 from workbench.studies.collapse import Collapse, disparity_collapse
+from workbench.studies.findings import TABLE
 from workbench.virtual.flight_cameras import flight_camera
 
 Purpose = Literal["conifer", "broadleaf", "reed", "orthophoto"]
@@ -288,7 +289,7 @@ def _evidence(root: Path, target: Target, purpose: str) -> tuple[str, ...]:
         f"target: {low:g}-{high:g} cm and {target.angle[0]:g}-{target.angle[1]:g} degrees at the canopy "
         f"({target.source})"
     ]
-    path = Path(root) / "data" / "studies" / "findings.csv"
+    path = Path(root) / TABLE
     asked = {"conifer": ("T02", "T03", "T15", "T16"), "broadleaf": ("T06", "T08", "T15", "T16")}
     if path.exists():
         table = pd.read_csv(path).set_index("id")

@@ -20,6 +20,11 @@ from scipy import stats
 
 from workbench.errors import StudyError
 
+PAPERS = {"reed": "Aquatic reed", "tree": "Single trees", "ortho": "Orthomosaics"}
+"""Short name of a paper in the table of findings -> title."""
+TABLE = Path("data") / "studies" / "findings.csv"
+"""Verdicts below a root, as `workbench study findings` writes them."""
+
 Verdict = Literal["confirmed", "not confirmed", "not testable"]
 CONFIDENCE = 0.95
 """Of the intervals over seeds."""

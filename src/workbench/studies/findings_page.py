@@ -9,11 +9,10 @@ import pandas as pd
 
 from workbench.site.files import write_text
 from workbench.studies.advice import unmatched_lines
-from workbench.studies.findings import Finding, findings_table, judge_findings
+from workbench.studies.findings import PAPERS, TABLE, Finding, findings_table, judge_findings
 from workbench.studies.findings_notes import NOTES
 from workbench.studies.side_by_side import SideBySide, side_by_side, side_by_side_table
 
-_PAPERS = {"reed": "Aquatic reed", "tree": "Single trees", "ortho": "Orthomosaics"}
 _HEAD = """# Findings of the three papers, tested again
 
 Made by `workbench study findings`; do not edit. Each finding has a rule, written and committed before any
@@ -35,7 +34,7 @@ def write_findings(root: Path = Path()) -> Path:
     """
     root = Path(root)
     findings = judge_findings(root)
-    path = root / "data" / "studies" / "findings.csv"
+    path = root / TABLE
     path.parent.mkdir(parents=True, exist_ok=True)
     write_text(findings_table(findings).to_csv(index=False, lineterminator="\n"), path)
     tables = side_by_side(root)
@@ -50,7 +49,7 @@ def findings_page(findings: Iterable[Finding], tables: Iterable[SideBySide], roo
     """The page as Markdown."""
     findings = tuple(findings)
     parts = [_HEAD, _summary(findings)]
-    for source, title in _PAPERS.items():
+    for source, title in PAPERS.items():
         parts.append(f"## {title}\n")
         parts += [_entry(finding) for finding in findings if finding.source == source]
     parts += ["## Published tables beside ours\n", _tables(tables), _collapse(root)]
@@ -62,7 +61,7 @@ def _summary(findings: tuple[Finding, ...]) -> str:
     counts = table.groupby(["source", "verdict"]).size().unstack(fill_value=0)
     lines = ["| paper | " + " | ".join(counts.columns) + " |", "|---" * (len(counts.columns) + 1) + "|"]
     lines += [
-        f"| {_PAPERS[source]} | " + " | ".join(map(str, row)) + " |" for source, *row in counts.itertuples()
+        f"| {PAPERS[source]} | " + " | ".join(map(str, row)) + " |" for source, *row in counts.itertuples()
     ]
     return "\n".join(lines) + "\n"
 
