@@ -29,6 +29,12 @@ def test_control_file(tmp_path):
     assert b.role == "check"
 
 
+def test_comments_above_the_header(tmp_path):
+    text = "# surveyed 2021-07-08\n# by RTK\n#Name\tx\ty\tz\n# first\nA\t1.5\t2.5\t3.5\n"
+    (point,) = read_control(write(tmp_path / "c.csv", text))
+    assert (point.name, point.x, point.y, point.z) == ("A", 1.5, 2.5, 3.5)
+
+
 def test_semicolons_decimal_commas_comments_and_byte_order_mark(tmp_path):
     text = "﻿Name;X;Y;Z;sd_xy;sd_z;role\n# a comment\nA;4500000,25;5300000,5;517,93;0,02;0,03;verify\n"
     (point,) = read_control(write(tmp_path / "c.csv", text))
@@ -92,8 +98,33 @@ def test_gcp_list_of_opendronemap(tmp_path, header, epsg):
 
 
 @pytest.mark.parametrize(
+    "header", ["WGS 84 / UTM zone 33N", "wgs84 utm 33n", "EPSG 32633", "'EPSG:32633'", "EPSG:32633+5773"]
+)
+@pytest.mark.parametrize(
+    "row",
+    [
+        "310000 5305000.25 520.5 100.5 200 a.jpg P1",
+        "310000\t5305000.25\t520.5\t100.5\t200\ta.jpg\tP1",
+        "310000,5305000.25,520.5,100.5,200,a.jpg,P1",
+        "310000, 5305000.25, 520.5, 100.5, 200, a.jpg, P1",
+        "310000;5305000,25;520,5;100,5;200;a.jpg;P1",
+        "310000,00 5305000,25 520,5 100,5 200,0 a.jpg P1",
+    ],
+)
+def test_gcp_list_as_people_write_it(tmp_path, header, row):
+    path = write(tmp_path / "gcp_list.txt", f"# x, y, z, column, row, photo, name\n\n{header}\n# P1\n{row}\n")
+    (point,), (seen,) = read_gcp_list(path, UTM33)
+    assert (point.name, point.x, point.y, point.z) == ("P1", 310000, 5305000.25, 520.5)
+    assert (seen.photo, seen.column, seen.row) == ("a.jpg", 100.5, 200)
+
+
+@pytest.mark.parametrize(
     ("text", "message"),
     [
+        ("lat/lon\n47.9 12.4 520 1 2 a.jpg\n", "line 1: 'lat/lon' is neither"),
+        ("WGS84 UTM 33\n1 2 3 4 5 a.jpg\n", "with N or S"),
+        ("EPSG:4326\n47.9 12.4 520 1 2 a.jpg\n", "line 2: 47.9 12.4 is latitude before longitude"),
+        ("EPSG:32633\n1 2 NaN 4 5 a.jpg\n", "line 2: z is 'NaN', not a number"),
         ("some words\n1 2 3 4 5 a.jpg\n", "line 1: 'some words' is neither"),
         ("EPSG:32633\n1 2 3 4 a.jpg\n", "line 2: expected 'x y z column row photo"),
         ("EPSG:32633\n1 2 3 4 5 a.jpg P\n9 2 3 4 5 b.jpg P\n", "line 3: point 'P' has other coordinates"),
@@ -224,10 +255,35 @@ def test_control_points_that_fix_nothing(tmp_path, places, seen_in, message):
     assert any(message in text for text in errors)
 
 
-def test_gcp_list_needs_a_crs(tmp_path):
+@pytest.mark.parametrize(("header", "epsg"), [("EPSG:32633", 32633), ("WGS84", 4326)])
+def test_gcp_list_states_the_crs_of_a_site_that_has_no_other(tmp_path, header, epsg):
+    x, y = Transformer.from_crs(32633, epsg, always_xy=True).transform(309000, 5305000)
+    place = f"{x:.9f} {y:.9f}"
     write_flight(tmp_path / "photos", place=None)
-    path = write(tmp_path / "gcp_list.txt", "EPSG:32633\n309000 5305000 520 1 2 IMG_0000.jpg\n")
-    with pytest.raises(SiteError, match="--crs"):
+    path = write(tmp_path / "gcp_list.txt", f"{header}\n{place} 520 1 2 IMG_0000.jpg\n")
+    site = new_site("lake", photos=tmp_path / "photos", root=tmp_path, control=path)
+    assert site.crs.to_epsg() == 32633
+    assert (site.control[0].x, site.control[0].y) == pytest.approx((309000, 5305000), abs=1e-3)
+    assert site.observations[0].photo == "IMG_0000.jpg"
+
+
+@pytest.mark.parametrize("photo", ["img_0000.JPG", "IMG_0000", "IMG_0000.tif", "D:\\flight\\IMG_0000.JPG"])
+def test_photographs_are_found_under_other_ways_to_write_their_names(tmp_path, photo):
+    write_flight(tmp_path / "photos")
+    path = write(tmp_path / "gcp_list.txt", f"EPSG:32633\n309000\t5305000\t520\t1\t2\t{photo}\tP 1\n")
+    site = new_site("lake", photos=tmp_path / "photos", root=tmp_path, control=path)
+    assert (site.observations[0].photo, site.observations[0].name) == ("IMG_0000.jpg", "P 1")
+    text = f"name,photo,column,row\nP 1,{photo},1,2\n"
+    write(site.folder / "observations.csv", text)
+    assert load_site("lake", tmp_path).observations[0].photo == "IMG_0000.jpg"
+
+
+def test_measurements_of_other_photographs_are_refused(tmp_path):
+    write_flight(tmp_path / "photos")
+    path = write(tmp_path / "gcp_list.txt", "EPSG:32633\n309000 5305000 520 1 2 DSC1.jpg\n")
+    with pytest.raises(SiteError, match=r"none of its 1 measurements .* 'DSC1.jpg', .* 'IMG_0000.jpg'"):
         new_site("lake", photos=tmp_path / "photos", root=tmp_path, control=path)
-    site = new_site("lake", photos=tmp_path / "photos", root=tmp_path, control=path, crs="EPSG:32633")
-    assert site.control[0].x == pytest.approx(309000) and site.observations[0].photo == "IMG_0000.jpg"
+    site = new_site("lake", photos=tmp_path / "photos", root=tmp_path)
+    write(site.folder / "control.csv", HEADER + "A,309000,5305000,520,,,\n")
+    write(site.folder / "observations.csv", "name,photo,column,row\nA,DSC1.jpg,1,2\n")
+    assert "none of its 1 measurements" in "\n".join(problems(load_site("lake", tmp_path)))

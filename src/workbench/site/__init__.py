@@ -1,9 +1,10 @@
 """Sites: photographs, positions, control and references of one area on one date."""
 
 from workbench.site.check import CheckReport, check_site
-from workbench.site.control import on_a_line, read_control, read_gcp_list, read_observations
+from workbench.site.control import on_a_line, read_control, read_observations
 from workbench.site.estimate import CostEstimate, estimate_cost
 from workbench.site.files import load_site
+from workbench.site.gcp_list import read_gcp_list
 from workbench.site.inputs import write_inputs
 from workbench.site.model import ControlPoint, Observation, Photograph, Problem, Site
 from workbench.site.navigation import NavigationFormat, read_navigation

@@ -13,6 +13,7 @@ from workbench.site.model import ControlPoint, Problem, Site
 from workbench.site.places import outside_area
 
 _HIGHEST, _LOWEST = 9000.0, -500.0  # Metres: no point of the land is beyond, in any datum.
+_DEGREES = ("its coordinates look like degrees.", "Transform them to the CRS of the site.")
 
 
 def control_problems(site: Site) -> Iterator[Problem]:
@@ -27,6 +28,15 @@ def _observations(site: Site) -> Iterator[Problem]:
     names = {point.name for point in site.control}
     photos = {p.name: p for p in site.photographs}
     aside = {p.name for p in site.set_aside}
+    if site.observations and not any(o.photo in photos for o in site.observations):
+        first = site.observations[0].photo
+        yield Problem(
+            "error",
+            listing,
+            f"none of its {len(site.observations)} measurements names a photograph; the first: '{first}'.",
+            "Mend the names, or delete the rows.",
+        )
+        return
     repeated = Counter((o.name, o.photo) for o in site.observations)
     for (name, photo), count in repeated.items():
         if count > 1:
@@ -136,8 +146,8 @@ def _away_from(placed: np.ndarray, point: ControlPoint, crs: CRS | None) -> tupl
                 f"Transform them to {crs.name if crs else 'the CRS'}.",
             )
     away = np.hypot(point.x - placed[:, 0].mean(), point.y - placed[:, 1].mean()) / 1000
-    if abs(point.x) <= 180 and abs(point.y) <= 90:
-        return "its coordinates look like degrees.", "Transform them to the CRS of the site."
+    if _looks_like_degrees(point):
+        return _DEGREES
     return f"it lies {away:.1f} km from the photographs.", "Check its coordinates and their CRS."
 
 
@@ -147,7 +157,13 @@ def _away_from_area(point: ControlPoint, crs: CRS | None) -> tuple[str, str] | N
         return None
     if not outside_area(np.array([[point.y, point.x]]), crs)[0]:
         return "x and y are swapped.", "Exchange the two columns."
+    if _looks_like_degrees(point):
+        return _DEGREES
     return f"it lies outside of the area of {crs.name}.", "Check its coordinates and their CRS."
+
+
+def _looks_like_degrees(point: ControlPoint) -> bool:
+    return min(abs(point.x), abs(point.y)) <= 90 and max(abs(point.x), abs(point.y)) <= 180
 
 
 def _neighbouring_zones(crs: CRS | None) -> list[CRS]:

@@ -25,7 +25,8 @@ from workbench.errors import SiteError
 from workbench.site.cameras import read_cameras
 from workbench.site.control import read_control, read_observations
 from workbench.site.describe import OPTIONAL_FILES
-from workbench.site.model import Photograph, Site
+from workbench.site.model import Observation, Photograph, Site
+from workbench.site.names import find_photographs
 
 _AnyCrs = TypeVar("_AnyCrs", CRS, pyproj.CRS)
 COLUMNS = (
@@ -72,10 +73,17 @@ def load_site(name: str, root: Path | str = ".") -> Site:
         time_zone=values.get("time_zone"),
         flight={key: value and str(value) for key, value in (values.get("flight") or {}).items()},
         control=read_control(control) if control.exists() else (),
-        observations=read_observations(observations) if observations.exists() else (),
+        observations=_observations(observations, photographs) if observations.exists() else (),
         water_level=_optional_number(values.get("water_level"), "water_level", path),
         **_optional_files(values, folder),
     )
+
+
+def _observations(path: Path, photographs: Iterable[Photograph]) -> tuple[Observation, ...]:
+    """Measurements, with the names of photographs as the site has them."""
+    measured = read_observations(path)
+    names = find_photographs({o.photo for o in measured}, [p.name for p in photographs])
+    return tuple(replace(o, photo=names.get(o.photo, o.photo)) for o in measured)
 
 
 def with_sun(photographs: Iterable[Photograph], crs: Any, zone: tzinfo | None) -> list[Photograph]:

@@ -16,9 +16,7 @@ from workbench.cameras import Pose
 from workbench.errors import SiteError
 from workbench.params import OrientParameters
 from workbench.site.control import (
-    is_gcp_list,
     read_control,
-    read_gcp_list,
     read_observations,
     render_control,
     render_observations,
@@ -34,7 +32,9 @@ from workbench.site.files import (
     with_sun,
     write_text,
 )
-from workbench.site.model import Photograph, Site
+from workbench.site.gcp_list import gcp_list_crs, is_gcp_list, read_gcp_list
+from workbench.site.model import Observation, Photograph, Site
+from workbench.site.names import find_photographs
 from workbench.site.navigation import NavigationFormat, NavigationRow, grid_convergence, read_navigation
 from workbench.site.places import doubtful_degrees, far_from_rest, utm_zone
 from workbench.site.scan import Found, number_cameras, scan_photographs
@@ -75,7 +75,7 @@ def new_site(
     control, observations
         Control file and measurements, or OpenDroneMap's ``gcp_list.txt`` as ``control``.
     crs
-        Projected CRS, metres; the UTM zone of the positions if not given.
+        Projected CRS, metres; if not given, the UTM zone of the positions, or that of ``gcp_list.txt``.
     vertical_datum
         What heights refer to, in words; stays an open question if not given.
     time_zone
@@ -103,7 +103,7 @@ def new_site(
 
     found = scan_photographs(photos)
     stated_crs = crs or before.get("crs")
-    chosen = _choose_crs(stated_crs, found, navigation)
+    chosen = _choose_crs(stated_crs, found, navigation, control)
     cameras = number_cameras(found)
     rows = read_navigation(navigation, chosen, navigation_format) if navigation and chosen else {}
     photographs = [
@@ -134,7 +134,9 @@ def new_site(
     return load_site(name, root)
 
 
-def _choose_crs(stated: str | None, found: list[Found], navigation: Path | str | None) -> CRS | None:
+def _choose_crs(
+    stated: str | None, found: list[Found], navigation: Path | str | None, control: Path | str | None
+) -> CRS | None:
     if stated is not None:
         try:
             return projected(CRS.from_user_input(stated), f"CRS {stated}")
@@ -150,7 +152,9 @@ def _choose_crs(stated: str | None, found: list[Found], navigation: Path | str |
     if not places:
         if navigation:
             raise SiteError(f"{navigation}: state the CRS of the site with --crs EPSG:n.")
-        return None
+        if control is None or not is_gcp_list(control):
+            return None
+        return projected(gcp_list_crs(control), f"The CRS of {control}")
     longitude, latitude = np.median(np.array(places, dtype=float), axis=0)
     return utm_zone(float(longitude), float(latitude))
 
@@ -164,19 +168,11 @@ def _crs_text(crs: CRS | None) -> str | None:
 def _rows_of(
     found: list[Found], rows: Mapping[str, NavigationRow], navigation: Path | str | None
 ) -> list[NavigationRow | None]:
-    """Navigation of each photograph, named by path or, where that is unique, by file name alone."""
+    """Navigation of each photograph."""
     if not rows:
         return [None] * len(found)
-    by_name: dict[str, list[str]] = {}
-    for item in found:
-        path = Path(item.name)
-        for name in {item.name, path.with_suffix("").as_posix(), path.name, path.stem}:
-            by_name.setdefault(name.lower(), []).append(item.name)
-    owners = {}
-    for name, row in rows.items():
-        photos = by_name.get(name.lower(), [])
-        if len(photos) == 1:
-            owners[photos[0]] = row
+    photos = find_photographs(rows, [item.name for item in found])
+    owners = {photo: rows[name] for name, photo in photos.items()}
     if not owners:
         raise SiteError(
             f"{navigation}: none of its {len(rows)} rows names a photograph; the first is "
@@ -290,17 +286,27 @@ def _write_control(
     points: tuple = ()
     measured: tuple = ()
     if control is not None:
-        if is_gcp_list(control):
-            if crs is None:
-                raise SiteError(f"{control}: state the CRS of the site with --crs EPSG:n.")
+        if crs is not None and is_gcp_list(control):
             points, measured = read_gcp_list(control, crs)
         else:
             points = read_control(control)
     if observations is not None:
         measured = measured + read_observations(observations)
-    names = {Path(p.name).name: p.name for p in photographs} | {p.name: p.name for p in photographs}
-    measured = tuple(replace(o, photo=names.get(o.photo, o.photo)) for o in measured)
+    measured = _with_own_names(measured, photographs, observations or control)
     if control is not None or not (folder / "control.csv").exists():
         write_text(render_control(points), folder / "control.csv")
     if measured or not (folder / "observations.csv").exists():
         write_text(render_observations(measured), folder / "observations.csv")
+
+
+def _with_own_names(
+    measured: tuple[Observation, ...], photographs: list[Photograph], file: Path | str | None
+) -> tuple[Observation, ...]:
+    """Measurements with the names of the photographs as the site has them."""
+    names = find_photographs({o.photo for o in measured}, [p.name for p in photographs])
+    if measured and not names:
+        raise SiteError(
+            f"{file}: none of its {len(measured)} measurements names a photograph; the first is in "
+            f"'{measured[0].photo}', the first photograph is '{photographs[0].name}'. Mend the names."
+        )
+    return tuple(replace(o, photo=names.get(o.photo, o.photo)) for o in measured)

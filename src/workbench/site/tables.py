@@ -20,8 +20,8 @@ def read_table(
     """Rows by column name in small letters, with their line numbers.
 
     Separators may be semicolons, tabs or commas, and spaces where ``spaces`` allows; decimals may be
-    commas where the separator is none. Lines that begin with # are comments, but for a header. Without
-    a header the columns are called 1, 2, 3 ...
+    commas where the separator is none. Lines that begin with # are comments, but for a header, which may
+    follow other comments. Without a header the columns are called 1, 2, 3 ...
 
     Raises
     ------
@@ -30,8 +30,9 @@ def read_table(
     """
     lines = [(n, text) for n, text in enumerate(_read_lines(path), start=1) if text.strip()]
     if header and lines:
-        first = lines[0][1].lstrip("# ")
-        body = [line for line in lines[1:] if not line[1].lstrip().startswith("#")]
+        place = _place_of_header([text for _, text in lines], needed, separator, spaces)
+        first = lines[place][1].lstrip("# ")
+        body = [line for line in lines[place + 1 :] if not line[1].lstrip().startswith("#")]
         sign = separator or _separator(first, spaces)
         names = [name.lower() for name in _cells(first, sign)]
     else:
@@ -67,6 +68,16 @@ def number(row: dict[str, str], key: str, path: Path, line: int, default: float 
     if not re.fullmatch(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?", text):
         raise SiteError(f"{path}, line {line}: {key} is '{text}', not a number.")
     return float(text)
+
+
+def _place_of_header(texts: list[str], needed: list[str], separator: str | None, spaces: bool) -> int:
+    """The first line that has the needed columns, of the comments at the top and the line after them."""
+    plain = next((k for k, text in enumerate(texts) if not text.lstrip().startswith("#")), len(texts) - 1)
+    for place, text in enumerate(texts[: plain + 1]):
+        words = text.lstrip("# ")
+        if set(needed) <= {name.lower() for name in _cells(words, separator or _separator(words, spaces))}:
+            return place
+    return plain
 
 
 def _read_lines(path: Path) -> list[str]:
