@@ -1,5 +1,6 @@
 """Weighted adjustment, control and checkpoints against the truth of virtual blocks."""
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -11,6 +12,7 @@ from workbench.errors import OrientationError
 from workbench.orientation.control import rms
 from workbench.orientation.georeference import georeference
 from workbench.orientation.precision import pose_covariances
+from workbench.orientation.quality import doming
 from workbench.params import OrientParameters
 
 OPTIONS = OrientParameters(threads=1)
@@ -166,6 +168,55 @@ def test_points_on_a_line_are_refused(virtual_block):
     site = replace(without_positions(block.site), control=tuple(line))
     with pytest.raises(OrientationError, match="on a line"):
         georeference(block.model, site, OFFSET, OPTIONS)
+
+
+def test_points_on_a_line_are_used_where_positions_hold_the_block(virtual_block):
+    block = virtual_block()
+    on_line = {p.name for p in block.site.control if abs(p.y - OFFSET[1] - 2) < 1}  # The southernmost row.
+    assert len(on_line) > 2
+    control = tuple(replace(p, role="control" if p.name in on_line else "check") for p in block.site.control)
+    fixed = georeference(block.model, replace(block.site, control=control), OFFSET, OPTIONS)
+    rows = fixed.residuals(block.model)
+    assert any("on a line" in warning for warning in fixed.warnings())
+    assert (rms(rows, "control")[0] < 0.02, rms(rows, "check")[0] <= 2 * GSD) == (True, True)
+
+
+@pytest.mark.parametrize("control", [1, 2, 4])
+@pytest.mark.parametrize("shift", [(0.0, 0.0, 45.0), (120.0, -80.0, 0.0)])
+def test_positions_in_another_datum_do_not_move_the_block(virtual_block, control, shift):
+    block = virtual_block(control=control)
+    moved = tuple(replace(p, position=tuple(np.add(p.position, shift))) for p in block.site.photographs)
+    block.model.transform(pycolmap.Sim3d(1.0, pycolmap.Rotation3d(), np.array(shift)))
+    fixed = georeference(block.model, replace(block.site, photographs=moved), OFFSET, OPTIONS)
+    horizontal, vertical = rms(fixed.residuals(block.model), "check")
+    assert (horizontal <= 2 * GSD, vertical <= 3 * GSD) == (True, True)
+    assert fixed.placing.shift == pytest.approx(shift, abs=0.1)
+    expected = "m too high .*ellipsoid" if shift[2] else "m east and .* m north .*two datums"
+    assert any(re.search(expected, warning) for warning in fixed.warnings())
+
+
+def test_positions_in_the_same_datum_are_not_shifted(virtual_block):
+    block = virtual_block()
+    fixed = georeference(block.model, block.site, OFFSET, OPTIONS)
+    assert not fixed.placing.shift.any() and not fixed.warnings()[1:]
+
+
+def test_a_few_check_points_show_another_vertical_datum(virtual_block):
+    block = virtual_block(control=0, surveyed=4)
+    lower = tuple(replace(p, z=p.z - 45) for p in block.site.control)
+    fixed = georeference(block.model, replace(block.site, control=lower), OFFSET, OPTIONS)
+    (warning,) = doming(fixed.residuals(block.model), lower)
+    assert "+44.9" in warning and "vertical datum" in warning
+
+
+def test_control_with_exchanged_axes_is_refused_and_names_no_point(virtual_block):
+    """A flat block fits its mirror image, seen from below."""
+    block = virtual_block(control=6)
+    swapped = tuple(replace(p, x=p.y, y=p.x) for p in block.site.control)
+    free_frame(block)
+    offset = OFFSET[[1, 0, 2]]
+    with pytest.raises(OrientationError, match=r"look up from below .* x and y"):
+        georeference(block.model, replace(without_positions(block.site), control=swapped), offset, OPTIONS)
 
 
 def test_two_control_points_fix_nothing(virtual_block):

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import pycolmap
@@ -22,8 +22,9 @@ from workbench.orientation.control import (
     residuals,
     worst_fitting,
 )
+from workbench.orientation.datum import describe_shift, require_upright, shift_of_records, without_shift
 from workbench.params import OrientParameters
-from workbench.site import ControlPoint, Site
+from workbench.site import ControlPoint, Site, on_a_line
 
 _LEAST_CONTROL = 3
 _LEAST_PLACED = 3
@@ -33,11 +34,23 @@ _ROUNDS = 2  # Outliers hide others; more rounds eat into the good ones.
 
 
 @dataclass(frozen=True, eq=False)
+class Placing:
+    """How a model came into the frame of the site, before its adjustment."""
+
+    gross: tuple[str, ...] = ()
+    """Control points left out because they contradict the others."""
+    shift: np.ndarray = field(default_factory=lambda: np.zeros(3))
+    """Recorded minus surveyed frame, metres, where they differ by more than receivers err."""
+    on_a_line: bool = False
+    """Whether recorded positions alone keep the block from turning about its control points."""
+
+
+@dataclass(frozen=True, eq=False)
 class Georeference:
     """What fixes a block, and how to adjust and to measure it again after its tie points changed."""
 
     site: Site
-    """The site."""
+    """The site; its recorded positions in the frame of the control points."""
     offset: np.ndarray
     """(3,) site coordinates minus model coordinates, metres."""
     options: OrientParameters
@@ -46,8 +59,8 @@ class Georeference:
     """Image measurements of surveyed points by name."""
     control: tuple[ControlPoint, ...]
     """Control points in the adjustment; never one of role check or verify."""
-    gross: tuple[str, ...]
-    """Control points left out because they contradict the others."""
+    placing: Placing
+    """How the model came into the frame of the site."""
     free_focal_length: bool
     """Whether the focal length is adjusted."""
     focal_length_reason: str
@@ -58,8 +71,15 @@ class Georeference:
     """Standard deviation of the image position of a tie point, px, once the block has shown it."""
     pointing_sd: float | None = None
     """The same of the measurement of a control point, where there are enough to show it."""
+    left_out: tuple[str, ...] = ()
+    """Control points left out after the adjustment because they contradict the others."""
     doubtful: str = ""
     """Control point that fits badly, and how badly, where the others do not tell whether it is wrong."""
+
+    @property
+    def gross(self) -> tuple[str, ...]:
+        """Control points left out because they contradict the others."""
+        return (*self.placing.gross, *self.left_out)
 
     def adjust(self, model: pycolmap.Reconstruction) -> None:
         """Adjust the bundle in place."""
@@ -92,6 +112,13 @@ class Georeference:
     def warnings(self) -> list[str]:
         """What the user should know of the way the block is fixed."""
         found = [f"Control point {name} does not fit the others and is not used." for name in self.gross]
+        if self.placing.shift.any():
+            found.append(describe_shift(self.placing.shift))
+        if self.placing.on_a_line:
+            found.append(
+                "The control points lie on a line: recorded positions alone keep the block from turning "
+                "about it. Add a point beside."
+            )
         if self.doubtful:
             found.append(
                 f"A control point fits badly, {self.doubtful}: look at its coordinates and measurements. It "
@@ -116,7 +143,8 @@ def georeference(
     """Place and adjust a model in place, in the site's CRS minus ``offset``.
 
     A similarity onto the control points comes first where there are three of them (robust: points
-    that contradict the others are named and left out), then the weighted adjustment. In it tie points and
+    that contradict the others are named and left out), then the weighted adjustment. Recorded positions may
+    be in another frame; the control points decide. In the adjustment tie points and
     measurements of control points count by the precision that their residuals show: taken for less, they
     let the block bend after the errors of its recorded positions. A free block bends, so that an error of
     decimetres shows only after it: where a point stands out, the adjustment is tried without it.
@@ -124,19 +152,17 @@ def georeference(
     Raises
     ------
     OrientationError
-        If neither positions nor control points fix the block.
+        If neither positions nor control points fix the block, or control points turn it upside down.
     """
     measured = by_point(site.observations)
     use_control = options.georeference != "positions"
     control = [p for p in site.control if p.role == "control" and use_control and len(measured[p.name]) > 1]
-    placed = sum(p.position is not None for p in site.photographs) >= _LEAST_PLACED
-    gross: tuple[str, ...] = ()
-    if len(control) >= _LEAST_CONTROL or options.georeference == "control" or not placed:
-        gross = align_to_control(model, control, measured, offset)
-    control = [p for p in control if p.name not in gross]
+    placing = _place(model, site, offset, options, control, measured)
+    control = [p for p in control if p.name not in placing.gross]
     visible, why = focal_length_is_visible(model, control)
     free = options.focal_length == "free" or (options.focal_length == "auto" and visible)
-    result = Georeference(site, offset, options, measured, tuple(control), gross, free, why, visible)
+    site = without_shift(site, placing.shift)
+    result = Georeference(site, offset, options, measured, tuple(control), placing, free, why, visible)
     result.adjust(model)
     # Where a threshold is sought by the checkpoints, nothing below the mapping's limit is decided before.
     sds = None if options.optimise else options.outlier_sds
@@ -148,6 +174,33 @@ def georeference(
     return _without_gross_points(result, model)
 
 
+def _place(
+    model: pycolmap.Reconstruction,
+    site: Site,
+    offset: np.ndarray,
+    options: OrientParameters,
+    control: Sequence[ControlPoint],
+    measured: Mapping[str, list[tuple[str, float, float]]],
+) -> Placing:
+    """Bring a model into the frame of the control points, and find out how recorded positions lie in it."""
+    placed = sum(p.position is not None for p in site.photographs) >= _LEAST_PLACED
+    alone = options.georeference == "control" or not placed
+    several = len(control) >= _LEAST_CONTROL
+    in_line = several and on_a_line(np.array([(p.x, p.y) for p in control]))
+    aligned = alone or (several and not in_line)
+    gross: tuple[str, ...] = ()
+    if aligned:
+        gross = align_to_control(model, control, measured, offset)
+        require_upright(model)
+    if alone:
+        return Placing(gross)
+    control = [p for p in control if p.name not in gross]
+    shift = shift_of_records(model, site, offset, options, control, measured, aligned=aligned)
+    if not aligned:  # The model lies where it was recorded.
+        model.transform(pycolmap.Sim3d(1.0, pycolmap.Rotation3d(), -shift))
+    return Placing(gross, shift, in_line)
+
+
 def _without_gross_points(fixed: Georeference, model: pycolmap.Reconstruction) -> Georeference:
     """Leave out, one by one, control points that fit badly and without which the others fit much better."""
     while fixed.control:
@@ -155,7 +208,7 @@ def _without_gross_points(fixed: Georeference, model: pycolmap.Reconstruction) -
         if misfit < _STANDS_OUT:
             break
         rest = tuple(point for point in fixed.control if point.name != name)
-        without = replace(fixed, control=rest, gross=(*fixed.gross, name))
+        without = replace(fixed, control=rest, left_out=(*fixed.left_out, name))
         if not _fits_without(without, model, misfit):
             return replace(fixed, doubtful=f"{name} by {misfit:.1f} standard deviations")
         without.adjust(model)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from scipy import stats
@@ -11,6 +11,7 @@ from workbench.orientation.control import PointResidual
 from workbench.site import ControlPoint
 
 _LEAST_POINTS = 6
+_LEAST_CHECKS = 3
 _SIGNIFICANT = 0.01
 
 
@@ -18,7 +19,7 @@ def doming(rows: Sequence[PointResidual], points: Sequence[ControlPoint]) -> lis
     """Test for a dome or bowl: vertical residuals that bend with the distance from the centre.
 
     Fits ``dz = a + b r^2`` to check points (all surveyed points where there are fewer than six) and
-    tests b and a against zero.
+    tests b against zero; tests the mean of the check points, from three on, as well.
 
     Parameters
     ----------
@@ -36,21 +37,23 @@ def doming(rows: Sequence[PointResidual], points: Sequence[ControlPoint]) -> lis
     usable = [row for row in rows if row.role != "unused" and np.isfinite(row.dz)]
     checks = [row for row in usable if row.role != "control"]
     chosen = checks if len(checks) >= _LEAST_POINTS else usable
-    if len(chosen) < _LEAST_POINTS:
-        return []
-    xy = np.array([places[row.name] for row in chosen])
-    radius2 = np.sum((xy - xy.mean(axis=0)) ** 2, axis=1)
-    dz = np.array([row.dz for row in chosen])
-    warnings = []
-    fit = stats.linregress(radius2, dz)
-    if fit.pvalue < _SIGNIFICANT:
-        warnings.append(
-            f"Heights bend by {fit.slope * np.ptp(radius2):+.3f} m from the middle to the edge (doming): add "
-            "control in the middle and at the edge, oblique photographs, or calibrate the camera."
-        )
-    if checks and stats.ttest_1samp(dz, 0.0).pvalue < _SIGNIFICANT:
-        warnings.append(
+    found = _bend(chosen, places) if len(chosen) >= _LEAST_POINTS else []
+    dz = np.array([row.dz for row in checks])
+    if len(checks) >= _LEAST_CHECKS and stats.ttest_1samp(dz, 0.0).pvalue < _SIGNIFICANT:
+        found.append(
             f"Check points lie {dz.mean():+.3f} m off in height on average: the vertical datum of recorded "
             "positions and control may differ."
         )
-    return warnings
+    return found
+
+
+def _bend(rows: Sequence[PointResidual], places: Mapping[str, tuple[float, float]]) -> list[str]:
+    xy = np.array([places[row.name] for row in rows])
+    radius2 = np.sum((xy - xy.mean(axis=0)) ** 2, axis=1)
+    fit = stats.linregress(radius2, [row.dz for row in rows])
+    if fit.pvalue >= _SIGNIFICANT:
+        return []
+    return [
+        f"Heights bend by {fit.slope * np.ptp(radius2):+.3f} m from the middle to the edge (doming): add "
+        "control in the middle and at the edge, oblique photographs, or calibrate the camera."
+    ]
