@@ -5,8 +5,9 @@
 Simulates `benchmarks/scenes/control.yaml` (42 photographs, GSD 8 cm, relief of 6 m) and forgets all recorded
 positions. Five of ten points are control, five check; their places in the photographs carry the error of
 someone who clicks (``--noise`` px). Then the same with what goes wrong: one point off by metres or
-decimetres, a mistyped measurement, swapped axes, points on a line, three points.
-Errors of the check points are against their true places.
+decimetres, a mistyped measurement, swapped axes, points on a line, three points, recorded heights in another
+datum. What `workbench check` finds makes `workbench orient` refuse; here it is adjusted all the same, to see
+what the adjustment alone would say. Errors of the check points are against their true places.
 """
 
 from __future__ import annotations
@@ -58,6 +59,12 @@ def main() -> None:
         tried(f"{name}, with positions", with_positions, spoiled, offset, parameters)
         for name, spoiled in cases(placed).items()
     ]
+    for count in (1, 5):
+        named = set(CONTROL[-count:])
+        fewer = with_control(ellipsoidal(placed), lambda p, named=named: as_control(p, named))
+        risen, _ = map_block(fewer, database, offset, parameters, folder)
+        name = f"recorded heights 45 m too high, {count} control point(s)"
+        rows.append(tried(name, risen, fewer, offset, parameters))
     print(pd.DataFrame(rows).to_string(index=False, float_format=lambda v: f"{v:.3f}"))
 
 
@@ -110,6 +117,19 @@ def cases(site: Site) -> dict[str, Site]:
     }
 
 
+def ellipsoidal(site: Site) -> Site:
+    """Recorded heights above the ellipsoid, where the survey's are above the geoid."""
+    photographs = tuple(
+        replace(p, position=(p.position[0], p.position[1], p.position[2] + 45.0)) if p.position else p
+        for p in site.photographs
+    )
+    return replace(site, photographs=photographs)
+
+
+def as_control(point: ControlPoint, names: set[str]) -> ControlPoint:
+    return replace(point, role="control" if point.name in names else "check")
+
+
 def with_control(site: Site, change) -> Site:
     return replace(site, control=tuple(change(point) for point in site.control))
 
@@ -135,7 +155,7 @@ def tried(
     try:
         fixed = georeference(model, site, offset, parameters)
     except WorkbenchError as error:
-        return row | {"adjustment says": str(error)[:60]}
+        return row | {"adjustment says": str(error)[:90]}
     rows = fixed.residuals(model)
     horizontal, vertical = true_errors(site, rows, set(CHECK))
     control = [r for r in rows if r.role == "control"]
@@ -151,6 +171,10 @@ def tried(
 def _said(fixed: Georeference) -> str:
     if fixed.gross:
         return f"left out: {', '.join(fixed.gross)}"
+    if fixed.placing.shift.any():
+        return f"positions {fixed.placing.shift[2]:+.1f} m in height"
+    if fixed.placing.on_a_line:
+        return "on a line, positions hold the block"
     return f"fits badly: {fixed.doubtful}" if fixed.doubtful else "-"
 
 
