@@ -143,7 +143,7 @@ def _away_from(placed: np.ndarray, point: ControlPoint, crs: CRS | None) -> tupl
         if near(x, y):
             return (
                 f"its coordinates are in {other.name}.",
-                f"Transform them to {crs.name if crs else 'the CRS'}.",
+                f"Transform them to {crs.name if crs else 'the CRS'}; of a gcp_list.txt, mend the zone.",
             )
     away = np.hypot(point.x - placed[:, 0].mean(), point.y - placed[:, 1].mean()) / 1000
     if _looks_like_degrees(point):

@@ -56,7 +56,11 @@ class Description:
 
 def render_site(site: Description) -> str:
     """Text of ``site.yaml``."""
-    origin = "  # proposed: the UTM zone of the positions" if site.crs_is_proposed and site.crs else ""
+    origin = (
+        "  # proposed: the UTM zone of the positions, or that of gcp_list.txt"
+        if site.crs_is_proposed and site.crs
+        else ""
+    )
     lines = [
         f"# Site {site.name}. null is an open question or something that the site does not have.",
         f"name: {_value(site.name)}",
