@@ -122,6 +122,7 @@ def test_gcp_list_as_people_write_it(tmp_path, header, row):
     ("text", "message"),
     [
         ("lat/lon\n47.9 12.4 520 1 2 a.jpg\n", "line 1: 'lat/lon' is neither"),
+        ("EPSG:2263\n1 2 3 4 5 a.jpg\n", "line 1: .* counts in US survey foot"),
         ("WGS84 UTM 33\n1 2 3 4 5 a.jpg\n", "with N or S"),
         ("EPSG:4326\n47.9 12.4 520 1 2 a.jpg\n", "line 2: 47.9 12.4 is latitude before longitude"),
         ("EPSG:32633\n1 2 NaN 4 5 a.jpg\n", "line 2: z is 'NaN', not a number"),

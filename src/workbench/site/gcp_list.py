@@ -63,8 +63,8 @@ def read_gcp_list(path: Path | str, crs: CRS) -> tuple[tuple[ControlPoint, ...],
     Raises
     ------
     SiteError
-        If the line with the CRS or a row cannot be understood, a name has two places, latitude comes before
-        longitude, or a place lies outside of the CRS.
+        If the line with the CRS or a row cannot be understood, the CRS is not in metres or degrees, a name
+        has two places, latitude comes before longitude, or a place lies outside of the CRS.
     """
     stated, rows = _split(Path(path))
     transform = Transformer.from_crs(stated, crs, always_xy=True)
@@ -106,6 +106,12 @@ def _split(path: Path) -> tuple[CRS, list[tuple[int, str]]]:
             f"{path}, line {line}: '{words}' is neither the header name,x,y,z,sd_xy,sd_z,role of a control "
             "file nor the CRS of a gcp_list.txt: write 'EPSG:n', 'WGS84 UTM 33N' (with N or S), 'WGS84' for "
             "degrees, or a proj string."
+        )
+    units = {axis.unit_name for axis in crs.axis_info if axis.unit_conversion_factor != 1}
+    if crs.is_projected and units:
+        raise SiteError(
+            f"{path}, line {line}: {crs.name} counts in {', '.join(units)}, and heights may do so too: "
+            "convert x, y and z to metres."
         )
     return crs, lines[1:]
 
