@@ -158,6 +158,47 @@ for _verb, (_module, _function, _help) in STAGES.items():
     _stage_command(_verb, _module, _function, _help)
 
 
+@app.command("reed-surface")
+def reed_surface(
+    dsm: Annotated[Path, typer.Argument(help="Raster of heights in metres, from any program.")],
+    out: Annotated[Path, typer.Option("--out", help="Folder of the results.")],
+    water_level: Annotated[float | None, typer.Option(help="Water level, metres in the same datum.")] = None,
+    vertical_datum: Annotated[str | None, typer.Option(help="What heights refer to, in words.")] = None,
+    shoreline: Annotated[Path | None, typer.Option(help="Official shoreline: polygon of the lake.")] = None,
+    areas: Annotated[Path | None, typer.Option(help="Areas of interest: polygons with a column aoi.")] = None,
+    transects: Annotated[Path | None, typer.Option(help="Lines with columns aoi and transect.")] = None,
+    spread: Annotated[Path | None, typer.Option(help="Standard deviation of heights in each cell.")] = None,
+    field_points: Annotated[Path | None, typer.Option(help="Stem heights and depths (CSV).")] = None,
+    plots: Annotated[Path | None, typer.Option(help="Plots of a square metre (CSV).")] = None,
+    reference_status: Annotated[Path | None, typer.Option(help="Interpreted status of sections.")] = None,
+    params: ParamsOption = None,
+) -> None:
+    """Aquatic reed of any surface: a DSM, a water level and a shoreline, without a site."""
+    from workbench.reed import reed_files
+
+    found = reed_files(
+        dsm,
+        out,
+        _parameters(Path(), params),
+        water_level=water_level,
+        vertical_datum=vertical_datum,
+        shoreline=shoreline,
+        areas=areas,
+        transects=transects,
+        spread=spread,
+        field_points=field_points,
+        plots=plots,
+        reference_status=reference_status,
+    )
+    for warning in found["warnings"]:
+        console.print(f"warning: {warning}", markup=False, soft_wrap=True)
+    typer.echo(
+        f"{out / 'reed'}: {found['extent_m2']:.0f} m2 of reed, {found['front_m']:.0f} m of front, "
+        f"{found['sections']} sections: {found['healthy']} healthy, {found['stressed']} stressed, "
+        f"{found['excluded']} excluded"
+    )
+
+
 @app.command()
 def run(site: SiteOption, root: RootOption = Path(), params: ParamsOption = None) -> None:
     """Run every stage that the site has inputs for, and the report."""

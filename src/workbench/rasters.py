@@ -399,7 +399,10 @@ def read_raster(
         raise RasterError(
             f"{path}: heights refer to '{stated}', not to '{vertical_datum}': transform them first."
         )
+    nodata = None if is_float else raster.rio.nodata
     raster.attrs = {key.lower(): value for key, value in tags.items() if key not in _GDAL_TAGS}
+    if nodata is not None:
+        raster = raster.rio.write_nodata(nodata)
     raster.attrs["units"] = units or raster.attrs.get("units", "1")
     raster.attrs["long_name"] = description or raster.attrs.get("long_name", path.stem)
     if stated or vertical_datum:

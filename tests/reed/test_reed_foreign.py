@@ -8,16 +8,19 @@ import shapely
 from rasterio.transform import from_origin
 
 from workbench.errors import RasterError, ReedError
-from workbench.params import Parameters
+from workbench.params import Parameters, ReedParameters
 from workbench.rasters import read_raster, write_raster
 from workbench.reed import (
     ReedModel,
     density_cells,
+    doubts,
     extent,
     load_model,
     map_extent,
     measure_reed,
     object_height,
+    open_water,
+    reed_files,
     reed_site,
 )
 from workbench.site import load_site, new_site
@@ -119,3 +122,71 @@ def test_the_stage_demands_a_datum(files, tmp_path):
     assert found["healthy"] == 10
     layers = gpd.list_layers(site.products / "reed" / "reed.gpkg").name.to_list()
     assert {"extent", "front", "sections", "density_cells", "unknown"} <= set(layers)
+
+
+def altered(path, tmp_path, heights, **profile):
+    """A copy of a raster with other heights or another description."""
+    other = tmp_path / "altered.tif"
+    with rasterio.open(path) as file:
+        described = file.profile | profile
+        values = heights(file.read(1))
+    with rasterio.open(other, "w", **described) as file:
+        file.write(values.astype(described["dtype"]), 1)
+    return other
+
+
+def test_files_go_in_and_files_come_out(files, tmp_path):
+    found = reed_files(
+        files[0], tmp_path / "out", water_level=LEVEL, vertical_datum="EVRF2007", shoreline=files[1]
+    )
+    assert found["healthy"] == 10
+    assert found["warnings"] == []
+    assert found["water_m"] == pytest.approx(0, abs=0.02)
+    layers = gpd.list_layers(tmp_path / "out" / "reed" / "reed.gpkg").name.to_list()
+    assert {"extent", "front", "sections", "density_cells", "unknown"} <= set(layers)
+    with pytest.raises(ReedError, match="vertical-datum"):
+        reed_files(files[0], tmp_path / "out", water_level=LEVEL, shoreline=files[1])
+    with pytest.raises(ReedError, match="water level is open"):
+        reed_files(files[0], tmp_path / "out", vertical_datum="EVRF2007")
+
+
+@pytest.mark.parametrize("filler", [-9999, 0, -32767])
+def test_a_filler_that_no_one_declared_is_refused(files, tmp_path, filler):
+    silent = altered(files[0], tmp_path, lambda h: np.where(h == -9999, filler, h), nodata=None)
+    with pytest.raises(ReedError, match=f"exactly {filler}.*a_nodata {filler}"):
+        measure_reed(read_raster(silent), LEVEL, read_vector(files[1]))
+
+
+def test_whole_numbers_keep_their_gaps(files, tmp_path):
+    whole = altered(files[0], tmp_path, np.round, dtype="int16")
+    metrics = measure_reed(read_raster(whole), LEVEL, read_vector(files[1]))
+    assert metrics.totals()["unknown_m2"] == pytest.approx(10 * 12 / 16)
+
+
+def test_feet_and_degrees_are_refused(files, tmp_path):
+    degrees = altered(
+        files[0], tmp_path, lambda h: h, crs="EPSG:4326", transform=from_origin(12.4, 47.9, 3e-6, 3e-6)
+    )
+    with pytest.raises(ReedError, match=r"in degrees.*EPSG:32633"):
+        measure_reed(read_raster(degrees), LEVEL)
+    with pytest.raises(ReedError, match="US survey foot"):
+        measure_reed(read_raster(altered(files[0], tmp_path, lambda h: h, crs="EPSG:2225")), LEVEL)
+    with pytest.raises(ReedError, match="heights of the surface are in 'ft'"):
+        extent(read_raster(files[0]).assign_attrs(units="ft"), LEVEL)
+
+
+def test_what_does_not_fit_is_doubted(files):
+    dsm, lake = read_raster(files[0]), read_vector(files[1])
+    options = ReedParameters()
+    assert doubts(measure_reed(dsm, LEVEL, lake), options) == []
+    low = measure_reed(dsm, LEVEL - 0.4, lake)
+    assert open_water(low) == pytest.approx(0.4, abs=0.02)
+    assert "0.40 m above the stated level" in doubts(low, options)[0]
+    ellipsoid = doubts(measure_reed(dsm + 47.2, LEVEL, lake), options)
+    assert "No reed" in ellipsoid[0] and "47.2 m in the middle" in ellipsoid[0]
+    assert "Nearly all" in doubts(measure_reed(dsm + 1.5, LEVEL, lake), options)[0]
+    # The land is a meadow a metre and a half above the lake.
+    y = dsm.y.values[:, None]
+    meadow = dsm.where((y < NORTH - 20) & (y < NORTH), LEVEL + 1.5)
+    land = gpd.GeoDataFrame(geometry=[shapely.box(WEST - 50, NORTH - 20, WEST + 300, NORTH + 50)], crs=3035)
+    assert "polygon of the land" in doubts(measure_reed(meadow, LEVEL, land), options)[0]

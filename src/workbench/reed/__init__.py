@@ -10,8 +10,10 @@ from workbench.reed.accuracy import (
 )
 from workbench.reed.change import ReedChange, compare_dates
 from workbench.reed.density import CellStatistics, cell_statistics, classify_cells, density_cells
+from workbench.reed.doubts import doubts, open_water
 from workbench.reed.extent import ReedExtent, extent, lake_side, map_extent
 from workbench.reed.field import read_field_points, read_plots
+from workbench.reed.files import reed_files
 from workbench.reed.front import Front, sinuosity, trace_front
 from workbench.reed.heights import (
     HeightAgreement,
@@ -49,6 +51,7 @@ __all__ = [
     "compare_heights",
     "density_agreement",
     "density_cells",
+    "doubts",
     "extent",
     "extent_agreement",
     "height_at_points",
@@ -60,9 +63,11 @@ __all__ = [
     "measure_reed",
     "object_height",
     "of_areas",
+    "open_water",
     "propagate",
     "read_field_points",
     "read_plots",
+    "reed_files",
     "reed_site",
     "sensitivity",
     "sinuosity",

@@ -234,8 +234,8 @@ def lake_side(shoreline: Shoreline, grid: Grid) -> BaseGeometry:
         raise ReedError("The shoreline is empty: give the polygon of the lake side.")
     if shape.geom_type not in ("Polygon", "MultiPolygon"):
         raise ReedError(
-            f"The shoreline is a {shape.geom_type}: give the polygon of the lake side, "
-            "so that it is known on which side the water is."
+            f"The shoreline is a {shape.geom_type}: give the polygon of the lake side, so that it is known "
+            "on which side the water is (in QGIS: Lines to polygons, or split a rectangle with the line)."
         )
     if not shape.is_valid:
         shape = shapely.make_valid(shape)

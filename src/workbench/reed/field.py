@@ -36,8 +36,8 @@ def read_field_points(path: Path | str) -> pd.DataFrame:
         if (table[column] < 0).any():
             row = table[table[column] < 0].iloc[0]
             raise ReedError(
-                f"{path}: {column} of point {row.point} in transect {row.transect} of {row.aoi} is negative: "
-                "leave it empty where nothing was measured."
+                f"{path}: {column} of point {row['point']} in transect {row['transect']} of {row['aoi']} is "
+                "negative: leave it empty where nothing was measured."
             )
     if not np.isfinite(table.stem_height_m).any():
         raise ReedError(f"{path}: no point has a stem_height_m. Is the column filled in?")
@@ -66,8 +66,8 @@ def read_plots(path: Path | str) -> pd.DataFrame:
     if len(unclear):
         row = unclear.iloc[0]
         raise ReedError(
-            f"{path}: density of plot {row.plot} in transect {row.transect} of {row.aoi} is "
-            f"'{row.density}': write sparse or dense."
+            f"{path}: density of plot {row['plot']} in transect {row['transect']} of {row['aoi']} is "
+            f"'{row['density']}': write sparse or dense."
         )
     if (table.density == "").all() and not np.isfinite(table.stems_per_m2).any():
         raise ReedError(f"{path}: neither stems_per_m2 nor density (sparse, dense) is filled in.")

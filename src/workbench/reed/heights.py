@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
+import pyproj
 import xarray as xr
 from numpy.typing import ArrayLike
 
@@ -15,6 +16,8 @@ from workbench.params import ReedParameters
 from workbench.rasters import VERTICAL_DATUM, Grid, new_raster
 
 _DEFAULTS = ReedParameters()
+_METRES = ("", "1", "m", "metre", "metres", "meter", "meters")  # "1" and "": the file does not say.
+_ABYSS = 100.0  # Ground so far below the water is none, m.
 _ROWS = 512  # Rows subtracted at once in double precision.
 
 
@@ -38,10 +41,10 @@ def object_height(dsm: xr.DataArray, water_level: float) -> xr.DataArray:
     RasterError
         If the surface has no CRS.
     ReedError
-        If the surface is no single band, the water level is not a number, or it lies above the whole surface.
+        If the surface is no single band in metres, the water level is not a number or above all of it, or
+        a number that stands for "no height" is not declared as such.
     """
-    if dsm.ndim != 2:
-        raise ReedError(f"The surface has the dimensions {dsm.dims}: give one band (y, x) of heights.")
+    dsm = known_heights(dsm)
     grid, datum = Grid.of(dsm), dsm.attrs.get(VERTICAL_DATUM)
     if not np.isfinite(water_level):
         raise ReedError(
@@ -61,9 +64,72 @@ def object_height(dsm: xr.DataArray, water_level: float) -> xr.DataArray:
             f"The water level {water_level:g} m is above everything in the surface (up to {highest:g} m): "
             f"is it in {datum or 'the datum of the surface'}, of the right lake and day?"
         )
+    _refuse_filler(values, heights, water_level)
     return new_raster(
         heights, grid, name="ohm", units="m", long_name="height above water", vertical_datum=datum
     )
+
+
+def known_heights(dsm: xr.DataArray) -> xr.DataArray:
+    """A surface (y, x) as any program writes it, with NaN where its nodata value stands.
+
+    Raises
+    ------
+    RasterError
+        If it has no CRS.
+    ReedError
+        If it has several bands, or its places or heights are not in metres.
+    """
+    if dsm.ndim != 2:
+        raise ReedError(
+            f"The surface has the dimensions {dsm.dims} of {dsm.shape}: give one band (y, x) of heights, "
+            "for example dsm.isel(band=0), or gdal_translate -b 1."
+        )
+    _require_metres(Grid.of(dsm), str(dsm.attrs.get("units", "")))
+    nodata = dsm.rio.nodata
+    if nodata is None or np.isnan(nodata):
+        return dsm
+    return dsm.where(dsm != nodata).rio.write_nodata(np.nan)
+
+
+def _require_metres(grid: Grid, units: str) -> None:
+    crs = pyproj.CRS.from_wkt(grid.crs.to_wkt())
+    if crs.is_geographic:
+        west, south, east, north = grid.bounds
+        zone = int(np.clip((west + east) / 2 // 6 + 31, 1, 60)) + (32600 if north + south > 0 else 32700)
+        raise ReedError(
+            f"The surface is in degrees ({crs.name}); areas and distances need metres: reproject it, "
+            f"for example with gdalwarp -t_srs EPSG:{zone} -tr 0.2 0.2 (UTM, cells of 0.2 m)."
+        )
+    across, up = crs.axis_info[0], crs.axis_info[2] if len(crs.axis_info) > 2 else None
+    if abs(across.unit_conversion_factor - 1) > 1e-9:
+        raise ReedError(
+            f"Places of the surface are in {across.unit_name} ({crs.name}): reproject it to a CRS in metres, "
+            "for example UTM, with gdalwarp -t_srs."
+        )
+    if up is not None and abs(up.unit_conversion_factor - 1) > 1e-9:
+        units = up.unit_name
+    if units.strip().lower() not in _METRES:
+        raise ReedError(
+            f"The heights of the surface are in '{units}': convert them to metres, for example with "
+            "gdal_calc.py, and state the water level in metres, too."
+        )
+
+
+def _refuse_filler(values: np.ndarray, heights: np.ndarray, water_level: float) -> None:
+    """Refuse a surface whose cells without a height hold a number that is not declared as nodata."""
+    with np.errstate(invalid="ignore"):
+        deep = values[heights < -_ABYSS]
+    if not len(deep):
+        return
+    numbers, counts = np.unique(deep, return_counts=True)
+    filler, count = numbers[np.argmax(counts)], int(counts.max())
+    if count > 1 and 2 * count > len(deep):
+        raise ReedError(
+            f"{count} cells of the surface hold exactly {filler:g}, {water_level - filler:.0f} m below the "
+            f"water level of {water_level:g} m: if that stands for no height, declare it with "
+            f"gdal_edit.py -a_nodata {filler:g}; if the heights are right, the water level is not."
+        )
 
 
 def height_at_points(

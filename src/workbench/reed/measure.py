@@ -19,7 +19,7 @@ from workbench.rasters import Grid
 from workbench.reed.density import CellStatistics, cell_statistics, classify_cells, reed_area
 from workbench.reed.extent import ReedExtent, Shoreline, map_extent, stand_height, survey_ground
 from workbench.reed.front import Front, trace_front
-from workbench.reed.heights import object_height
+from workbench.reed.heights import known_heights, object_height
 from workbench.reed.status import EXCLUDED, HEALTHY, STRESSED, assess_sections
 from workbench.reed.transects import lay_transects, strips
 
@@ -92,7 +92,8 @@ class ReedModel:
     Raises
     ------
     ReedError
-        If there is no water level, or areas or transects have no CRS or lack columns.
+        If the surface is not in metres, there is no water level, or areas or transects have no CRS or lack
+        columns.
     """
 
     def __init__(
@@ -105,9 +106,9 @@ class ReedModel:
         transects: gpd.GeoDataFrame | None = None,
         spread: xr.DataArray | None = None,
     ) -> None:
-        self.dsm = dsm
+        self.dsm = known_heights(dsm)
         self.spread = spread
-        self.grid = Grid.of(dsm)
+        self.grid = Grid.of(self.dsm)
         self.water_level = water_level
         self.shoreline = shoreline
         self.areas = None if areas is None else _in_grid(areas, self.grid, "areas of interest", "aoi")

@@ -12,6 +12,7 @@ from workbench.errors import ReedError
 from workbench.params import Parameters, ReedParameters
 from workbench.rasters import read_raster, require_heights, write_raster
 from workbench.reed.accuracy import References, agreements
+from workbench.reed.doubts import doubts, open_water
 from workbench.reed.field import read_field_points, read_plots
 from workbench.reed.heights import agreement_by_area, compare_heights
 from workbench.reed.measure import ReedMetrics, ReedModel
@@ -40,9 +41,13 @@ def reed_site(site: Site, parameters: Parameters) -> dict:
     SiteError
         If a table of the campaign cannot be read.
     """
-    options = parameters.reed
-    model = load_model(site, options)
-    with open_stage(site.products / FOLDERS["reed"], {"reed": options}) as stage:
+    model, references = load_model(site, parameters.reed), load_references(site)
+    return measure_into(site.products / FOLDERS["reed"], model, references, parameters.reed)
+
+
+def measure_into(folder: Path, model: ReedModel, references: References, options: ReedParameters) -> dict:
+    """Measure, compare with the references, and write everything into a folder; see :func:`reed_site`."""
+    with open_stage(folder, {"reed": options}) as stage:
         metrics = model.measure(options)
         write_raster(metrics.ohm, stage.path("ohm.tif"))
         write_layers(_layers(metrics), stage.path("reed.gpkg"))
@@ -51,13 +56,14 @@ def reed_site(site: Site, parameters: Parameters) -> dict:
         stage.metrics.update(metrics.totals())
         stage.metrics["excluded_reasons"] = sections.reason[sections.reason != ""].value_counts().to_dict()
         stage.metrics["areas"] = _by_area(metrics)
-        _compare(site, metrics, options, stage)
+        _compare(references, metrics, options, stage)
         if options.draws:
             drawn = propagate(model, options, spread=model.spread)
             _write_table(drawn.summary, stage.path("uncertainty.csv"))
             _write_table(drawn.sections, stage.path("section_uncertainty.csv"))
             stage.metrics["uncertainty"] = drawn.summary.set_index("metric").to_dict("index")
-        stage.metrics["warnings"] = _warnings(site, metrics)
+        stage.metrics["water_m"] = open_water(metrics)
+        stage.metrics["warnings"] = doubts(metrics, options, shoreline=model.shoreline is not None)
     return stage.metrics
 
 
@@ -130,9 +136,8 @@ def _by_area(metrics: ReedMetrics) -> dict[str, dict[str, Any]]:
     return table.to_dict("index")
 
 
-def _compare(site: Site, metrics: ReedMetrics, options: ReedParameters, stage: Stage) -> None:
-    """Heights, extent, density and status against whatever the site has of a campaign."""
-    references = load_references(site)
+def _compare(references: References, metrics: ReedMetrics, options: ReedParameters, stage: Stage) -> None:
+    """Heights, extent, density and status against whatever there is of a campaign."""
     if references.points is not None:
         compared = compare_heights(metrics.ohm, references.points, radius=options.point_radius)
         _write_table(compared, stage.path("heights.csv"))
@@ -152,18 +157,6 @@ def _compare(site: Site, metrics: ReedMetrics, options: ReedParameters, stage: S
             "user_accuracy": matrix.user_accuracy.to_dict(),
             "left_out": agreement_.left_out,
         }
-
-
-def _warnings(site: Site, metrics: ReedMetrics) -> list[str]:
-    found = []
-    if metrics.extent.reed.is_empty:
-        found.append("No reed on the lake side: check water level and height limits.")
-    if site.shoreline is None:
-        found.append("The site has no shoreline: everything between the height limits counts as reed.")
-    share = float(metrics.areas.unknown_m2.sum()) / max(metrics.extent.lake.area, 1e-9)
-    if share > 0.1:
-        found.append(f"{100 * share:.0f} % of the lake side has no height and is unknown.")
-    return found
 
 
 def _write_table(table: pd.DataFrame, path: Path) -> None:
