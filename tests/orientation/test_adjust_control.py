@@ -12,7 +12,7 @@ from workbench.errors import OrientationError
 from workbench.orientation.control import rms
 from workbench.orientation.georeference import georeference
 from workbench.orientation.precision import pose_covariances
-from workbench.orientation.quality import doming
+from workbench.orientation.quality import shape_warnings
 from workbench.params import OrientParameters
 
 OPTIONS = OrientParameters(threads=1)
@@ -205,7 +205,7 @@ def test_a_few_check_points_show_another_vertical_datum(virtual_block):
     block = virtual_block(control=0, surveyed=4)
     lower = tuple(replace(p, z=p.z - 45) for p in block.site.control)
     fixed = georeference(block.model, replace(block.site, control=lower), OFFSET, OPTIONS)
-    (warning,) = doming(fixed.residuals(block.model), lower)
+    (warning,) = shape_warnings(fixed.residuals(block.model), lower)
     assert "+44.9" in warning and "vertical datum" in warning
 
 

@@ -13,7 +13,7 @@ from workbench.orientation import predict_observation, read_block
 from workbench.orientation.features import candidate_pairs
 from workbench.orientation.files import round_model, write_model
 from workbench.orientation.georeference import georeference
-from workbench.orientation.quality import doming
+from workbench.orientation.quality import deformation, shape_warnings
 from workbench.orientation.strayed import far_from_recorded
 from workbench.params import OrientParameters
 from workbench.site import Observation, Photograph
@@ -95,11 +95,32 @@ def test_doming_is_found_and_flat_residuals_are_not_accused(virtual_block):
     virtual = virtual_block(surveyed=20, control=4)
     fixed = georeference(virtual.model, virtual.site, OFFSET, OPTIONS)
     rows = fixed.residuals(virtual.model)
-    assert not any("doming" in warning for warning in doming(rows, virtual.site.control))
+    assert not any("doming" in warning for warning in shape_warnings(rows, virtual.site.control))
     centre = np.mean([(p.x, p.y) for p in virtual.site.control], axis=0)
     place = {p.name: (p.x, p.y) for p in virtual.site.control}
     bowl = [replace(row, dz=row.dz + 1e-4 * float(np.sum((place[row.name] - centre) ** 2))) for row in rows]
-    assert any("doming" in warning for warning in doming(bowl, virtual.site.control))
+    assert any("doming" in warning for warning in shape_warnings(bowl, virtual.site.control))
+
+
+def test_tilt_and_scale_are_found_with_their_sizes(virtual_block):
+    virtual = virtual_block(surveyed=20, control=4)
+    fixed = georeference(virtual.model, virtual.site, OFFSET, OPTIONS)
+    rows, points = fixed.residuals(virtual.model), virtual.site.control
+    assert shape_warnings(rows, points) == []
+    middle = np.mean([(p.x, p.y) for p in points], axis=0)
+    place = {p.name: np.array([p.x, p.y]) - middle for p in points}
+    tilted = [
+        replace(row, dz=row.dz + 1e-3 * (0.6 * place[row.name][0] - 0.8 * place[row.name][1])) for row in rows
+    ]
+    found = deformation(tilted, points)
+    assert (found.tilt_mrad, found.tilt_azimuth) == (pytest.approx(1.0, abs=0.3), pytest.approx(143, abs=15))
+    assert any("tilt by" in warning and "rising to" in warning for warning in shape_warnings(tilted, points))
+    long = [
+        replace(row, dx=row.dx + 6e-4 * place[row.name][0], dy=row.dy + 6e-4 * place[row.name][1])
+        for row in rows
+    ]
+    assert deformation(long, points).scale_ppm == pytest.approx(600, abs=120)
+    assert any("parts in a million too long" in warning for warning in shape_warnings(long, points))
 
 
 def test_a_photograph_far_from_its_record_is_named(virtual_block):

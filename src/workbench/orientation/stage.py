@@ -19,7 +19,7 @@ from workbench.orientation.georeference import Georeference, georeference
 from workbench.orientation.mapping import map_block
 from workbench.orientation.optimise import Optimisation, errors_by_role, optimise_tie_points
 from workbench.orientation.precision import pose_covariances
-from workbench.orientation.quality import doming
+from workbench.orientation.quality import deformation, shape_warnings
 from workbench.orientation.strayed import Matches, far_from_recorded, replace_strayed
 from workbench.orientation.tie_points import TiePoints, feature_scales, tie_points
 from workbench.params import OrientParameters, Parameters
@@ -66,7 +66,7 @@ def orient_site(site: Site, parameters: Parameters) -> dict:
         round_model(model)
         points = tie_points(model, scales)
         rows = fixed.residuals(model)
-        warnings = fixed.warnings() + doming(rows, site.control)
+        warnings = fixed.warnings() + shape_warnings(rows, site.control)
         write_model(model, stage.path("sparse"))
         write_cameras(model, site, offset, reasons, stage.path("cameras.csv"))
         write_control(rows, stage.path("control.csv"))
@@ -80,6 +80,8 @@ def orient_site(site: Site, parameters: Parameters) -> dict:
             warnings.append(f"{models} separate models: the largest is used, the others are not connected.")
         if reasons:
             warnings.append(f"{len(reasons)} photograph(s) could not be registered, see cameras.csv.")
+        shape = deformation(rows, site.control)
+        stage.metrics["deformation"] = None if shape is None else shape.values()
         stage.metrics.update(_metrics(model, site, offset, rows, points, models, warnings))
     return stage.metrics
 
