@@ -169,6 +169,8 @@ def tried(
 
 
 def _said(fixed: Georeference) -> str:
+    if fixed.misread:
+        return f"measurement in {fixed.misread[0].photo} off by {fixed.misread[0].miss_px:.0f} px, left out"
     if fixed.gross:
         return f"left out: {', '.join(fixed.gross)}"
     if fixed.placing.shift.any():

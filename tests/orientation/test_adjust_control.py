@@ -156,6 +156,44 @@ def test_one_point_with_swapped_axes_is_named_and_no_line_is_seen(virtual_block)
     assert rms(fixed.residuals(block.model), "check")[0] <= 2 * GSD
 
 
+@pytest.mark.parametrize("point", ["P1", "P8"])
+def test_a_mistyped_measurement_is_named_and_its_point_stays(virtual_block, point):
+    """One control point and one check point; the others of the point are good."""
+    block = virtual_block()
+    seen = list(block.site.observations)
+    at = next(k for k, o in enumerate(seen) if o.name == point)
+    seen[at] = replace(seen[at], column=seen[at].column + 60)
+    fixed = georeference(block.model, replace(block.site, observations=tuple(seen)), OFFSET, OPTIONS)
+    ((name, photo, miss),) = [(one.name, one.photo, one.miss_px) for one in fixed.misread]
+    assert (name, photo, miss) == (point, seen[at].photo, pytest.approx(60, abs=8))
+    assert f"{point} in {photo} lies" in fixed.warnings()[0]
+    rows = fixed.residuals(block.model)
+    assert fixed.gross == () and next(r for r in rows if r.name == point).role != "unused"
+    assert rms(rows, "check")[0] <= 2 * GSD
+
+
+def test_rough_measurements_are_none_that_contradict(virtual_block):
+    block = virtual_block(disturb=0.05)
+    rng = np.random.default_rng(5)
+    rough = tuple(
+        replace(o, column=o.column + rng.normal(0, 2), row=o.row + rng.normal(0, 2))
+        for o in block.site.observations
+    )
+    fixed = georeference(block.model, replace(block.site, observations=rough), OFFSET, OPTIONS)
+    assert fixed.misread == ()
+
+
+def test_of_two_measurements_neither_is_blamed(virtual_block):
+    block = virtual_block()
+    mine = [o for o in block.site.observations if o.name == "P8"][:2]
+    others = [o for o in block.site.observations if o.name != "P8"]
+    wrong = replace(mine[1], column=mine[1].column + 60, row=mine[1].row + 60)
+    site = replace(block.site, observations=(*others, mine[0], wrong))
+    fixed = georeference(block.model, site, OFFSET, OPTIONS)
+    (one,) = fixed.misread
+    assert (one.name, one.photo) == ("P8", "") and "contradict each other" in fixed.warnings()[0]
+
+
 def test_points_on_a_line_are_refused(virtual_block):
     block = virtual_block()
     control = tuple(p for p in block.site.control)

@@ -23,6 +23,7 @@ from workbench.orientation.control import (
     worst_fitting,
 )
 from workbench.orientation.datum import describe_shift, require_upright, shift_of_records, without_shift
+from workbench.orientation.misread import Misread, misread_measurements, without_misread
 from workbench.params import OrientParameters
 from workbench.site import ControlPoint, Site, on_a_line
 
@@ -67,6 +68,8 @@ class Georeference:
     """What lets the block see its focal length, or hides it."""
     visible: bool
     """Whether the block can see its focal length."""
+    misread: tuple[Misread, ...] = ()
+    """Measurements of surveyed points that contradict the others of their point, and are left out."""
     tie_point_sd: float | None = None
     """Standard deviation of the image position of a tie point, px, once the block has shown it."""
     pointing_sd: float | None = None
@@ -111,7 +114,8 @@ class Georeference:
 
     def warnings(self) -> list[str]:
         """What the user should know of the way the block is fixed."""
-        found = [f"Control point {name} does not fit the others and is not used." for name in self.gross]
+        found = [str(one) for one in self.misread]
+        found += [f"Control point {name} does not fit the others and is not used." for name in self.gross]
         if self.placing.shift.any():
             found.append(describe_shift(self.placing.shift))
         if self.placing.on_a_line:
@@ -155,14 +159,20 @@ def georeference(
         If neither positions nor control points fix the block, or control points turn it upside down.
     """
     measured = by_point(site.observations)
+    misread = misread_measurements(model, measured, observation_sd=options.observation_sd)
+    measured = without_misread(measured, misread)
     use_control = options.georeference != "positions"
-    control = [p for p in site.control if p.role == "control" and use_control and len(measured[p.name]) > 1]
+    control = [
+        p for p in site.control if p.role == "control" and use_control and len(measured.get(p.name, [])) > 1
+    ]
     placing = _place(model, site, offset, options, control, measured)
     control = [p for p in control if p.name not in placing.gross]
     visible, why = focal_length_is_visible(model, control)
     free = options.focal_length == "free" or (options.focal_length == "auto" and visible)
     site = without_shift(site, placing.shift)
-    result = Georeference(site, offset, options, measured, tuple(control), placing, free, why, visible)
+    result = Georeference(
+        site, offset, options, measured, tuple(control), placing, free, why, visible, misread
+    )
     result.adjust(model)
     # Where a threshold is sought by the checkpoints, nothing below the mapping's limit is decided before.
     sds = None if options.optimise else options.outlier_sds
