@@ -77,6 +77,8 @@ def test_unknown_scene_lists_the_known_ones():
         ({"targets": [{"name": "A", "x": 9, "y": 2}, {"name": "A", "x": 5, "y": 2}]}, "name of its own"),
         ({"buildings": [{"x": 9, "y": 9, "eaves": 5.0, "ridge": 4.0}]}, "ridge"),
         ({"lake": {**_LAKE, "outline": [(0, 0), (9, 9), (9, 0), (0, 9)]}}, "crosses itself"),
+        ({"lake": {**_LAKE, "level": 130.0}}, "lake level is 130 m, the land along its outline 101"),
+        ({"lake": {**_LAKE, "level": 60.0}}, "choose a level from 96.* to 102"),
     ],
 )
 def test_impossible_scenes_are_refused(change, message):

@@ -38,6 +38,8 @@ from workbench.virtual.world import Cover, Ground, Terrain, World
 _BORDER = 28.0
 _NO_LAKE = -1e6
 _LARGEST = 40_000_000
+_HIGHEST_BANK, _DEEPEST_FLOOD = 5.0, 1.0
+"""Most metres of the land along a lake above its level (over a beach of 22 m, 23 % steep) and below it."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -169,6 +171,7 @@ def build_scene(spec: SceneSpec) -> Scene:
     level = None if spec.lake is None else spec.lake.level - origin[2]
     heights = land_heights(spec.terrain, x, y, spec.seed)
     heights = level_border(heights, spec.terrain, x, y, spec.size)
+    _check_level(spec, x, y, heights)
     shore = None
     if spec.lake is not None:
         shore = measure_shore(spec.lake, x, y, spec.seed)
@@ -236,6 +239,30 @@ def _check(spec: SceneSpec) -> CRS:
     if len(set(names)) < len(names):
         raise SceneError(f"Scene {spec.name}: every target needs a name of its own.")
     return crs
+
+
+def _check_level(spec: SceneSpec, x: np.ndarray, y: np.ndarray, heights: np.ndarray) -> None:
+    """Refuse a lake that lies metres below the land along its outline, or stands above it.
+
+    The land would be pulled to the water within the width of the beach, as a pit or a dam.
+    """
+    if spec.lake is None:
+        return
+    ring = Polygon(spec.lake.outline).exterior
+    near = np.array([ring.interpolate(s).coords[0] for s in np.arange(0, ring.length, spec.terrain.step)])
+    inside = (near >= 0).all(axis=1) & (near <= spec.size).all(axis=1)
+    if not inside.any():
+        return
+    step = spec.terrain.step
+    rows = ((near[inside, 1] - y[0]) / step).astype(int)
+    columns = ((near[inside, 0] - x[0]) / step).astype(int)
+    land = float(np.median(heights[rows, columns]))
+    lowest, highest = land - _HIGHEST_BANK, land + _DEEPEST_FLOOD
+    if not lowest <= spec.lake.level <= highest:
+        raise SceneError(
+            f"Scene {spec.name}: the lake level is {spec.lake.level:g} m, the land along its outline "
+            f"{land:.1f} m: choose a level from {lowest:.1f} to {highest:.1f} m or another terrain.base."
+        )
 
 
 def _axes(spec: SceneSpec) -> tuple[np.ndarray, np.ndarray]:
