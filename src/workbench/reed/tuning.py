@@ -19,7 +19,7 @@ from workbench.reed.measure import ReedModel
 from workbench.reed.status import HEALTHY, STRESSED
 
 MIN_HEIGHTS = tuple(np.round(np.arange(0.1, 1.51, 0.1), 2))
-VARIANCE_CUTS = (0.01, 0.02, 0.03, 0.05, 0.07, 0.1, 0.15, 0.2, 0.3, 0.5)
+VARIANCE_CUTS = (0.002, 0.003, 0.005, 0.007, 0.01, 0.02, 0.03, 0.05, 0.07, 0.1, 0.15, 0.2, 0.3, 0.5)
 MEAN_CUTS = (1.0, 1.25, 1.5, 1.75, 2.0, 2.25, 2.5, 2.75, 3.0, 3.5)
 
 
