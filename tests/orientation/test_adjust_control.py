@@ -145,12 +145,14 @@ def test_good_points_are_neither_left_out_nor_doubted(virtual_block):
         assert (fixed.gross, fixed.doubtful) == ((), "")
 
 
-def test_one_point_with_swapped_axes_is_named_and_no_line_is_seen(virtual_block):
+@pytest.mark.parametrize("placed", [False, True])
+def test_one_point_with_swapped_axes_is_named_and_no_line_is_seen(virtual_block, placed):
     """Thousands of kilometres away, it makes all others look like one place."""
     block = virtual_block(control=6, surveyed=12)
     swapped = tuple(replace(p, x=p.y, y=p.x) if p.name == "P3" else p for p in block.site.control)
-    free_frame(block)
-    site = replace(without_positions(block.site), control=swapped)
+    if not placed:
+        free_frame(block)
+    site = replace(block.site if placed else without_positions(block.site), control=swapped)
     fixed = georeference(block.model, site, OFFSET, OPTIONS)
     assert fixed.gross == ("P3",)
     assert rms(fixed.residuals(block.model), "check")[0] <= 2 * GSD

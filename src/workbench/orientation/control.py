@@ -46,7 +46,7 @@ def triangulate(
     """Point (3,) that fits image measurements (photo, column, row) best; None with fewer than two.
 
     Least squares of the image residuals, from the point nearest to all rays. None also if the rays do not
-    meet in front of the cameras: a measurement or a pose is then wrong.
+    meet in front of the cameras, or the lens has no ray: a measurement or a pose is then wrong.
     """
     views = []
     for photo, column, row in observations:
@@ -57,8 +57,10 @@ def triangulate(
         return None
     normal, right = np.zeros((3, 3)), np.zeros(3)
     for image, position in views:
-        ray = np.append(image.camera.cam_from_img(position), 1.0)
-        direction = image.cam_from_world().rotation.inverse() * ray
+        inside = image.camera.cam_from_img(position)
+        if inside is None:  # The lens shows nothing there.
+            return None
+        direction = image.cam_from_world().rotation.inverse() * np.append(inside, 1.0)
         direction /= np.linalg.norm(direction)
         across = np.eye(3) - np.outer(direction, direction)
         normal += across

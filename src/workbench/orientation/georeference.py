@@ -26,6 +26,7 @@ from workbench.orientation.datum import describe_shift, require_upright, shift_o
 from workbench.orientation.misread import Misread, misread_measurements, without_misread
 from workbench.params import OrientParameters
 from workbench.site import ControlPoint, Site, on_a_line
+from workbench.site.places import far_from_rest
 
 _LEAST_CONTROL = 3
 _LEAST_PLACED = 3
@@ -196,7 +197,9 @@ def _place(
     placed = sum(p.position is not None for p in site.photographs) >= _LEAST_PLACED
     alone = options.georeference == "control" or not placed
     several = len(control) >= _LEAST_CONTROL
-    in_line = several and on_a_line(np.array([(p.x, p.y) for p in control]))
+    xy = np.array([(p.x, p.y) for p in control]).reshape(-1, 2)
+    # A point with swapped axes or of another zone makes all others look like one place.
+    in_line = several and on_a_line(xy[~far_from_rest(xy)])
     aligned = alone or (several and not in_line)
     gross: tuple[str, ...] = ()
     if aligned:
