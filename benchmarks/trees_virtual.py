@@ -30,7 +30,15 @@ from workbench.assessment import compare_crowns, match_trees
 from workbench.params import TreesParameters
 from workbench.rasters import Grid, new_raster, read_raster, write_raster
 from workbench.site import load_site
-from workbench.trees import GrowingWindow, TreeInputs, TreeModel, find_tops, search_window, smoothed
+from workbench.trees import (
+    GrowingWindow,
+    TreeInputs,
+    TreeModel,
+    find_tops,
+    search_spacing,
+    search_window,
+    smoothed,
+)
 from workbench.virtual import build_scene, load_scene, scene_truth
 
 SCENES = ("habichtswald", "baruth")
@@ -104,6 +112,8 @@ def tops_by_stand(
     return find_tops(
         height,
         window=window,
+        spacing=search_spacing(options, stands),
+        saddle_share=options.saddle_share,
         smoothing=options.top_smoothing,
         prominence_share=options.prominence_share,
     )

@@ -85,6 +85,14 @@ def test_tops_do_not_depend_on_tiles(steps, tile_size, working_resolution):
     assert whole.equals(find_tops(lazy, tile_size=tile_size, **options))
 
 
+@pytest.mark.parametrize("tile_size", [64, 97])
+def test_defaults_do_not_depend_on_tiles(tile_size):
+    surface = raster(rough(8, (301, 260)), 0.5)
+    whole = find_tops(surface, tile_size=4096)
+    assert whole.equals(find_tops(surface, tile_size=tile_size))
+    assert 5 < len(whole) < len(find_tops(surface, saddle_share=0.0, tile_size=4096))
+
+
 def test_a_constant_raster_has_one_top():
     tops = find_tops(raster(np.full((200, 300), 10.0, np.float32), 1.0), radius=5.0, tile_size=64)
     assert len(tops) == 1
@@ -127,6 +135,27 @@ def test_five_steps_are_visible_and_can_be_switched():
     assert search_tops(surface, radius=0.8, working_resolution=0.4).resolution == pytest.approx(0.4)
     mask = surface.copy(data=(surface.x.values > 10)[None, :] & np.ones_like(surface.values, bool))
     assert len(find_tops(surface, mask, radius=0.8)) == 1
+
+
+def test_only_a_top_that_stays_removes_others():
+    # In a row, 3 m apart: the middle one gives way to the first and so cannot remove the third.
+    trees = [(5.0, 8.0, 20.0, 2.0), (8.0, 8.0, 17.0, 2.0), (11.0, 8.0, 14.0, 2.0)]
+    tops = find_tops(cones(trees, 16), radius=0.8, spacing=4.0)
+    np.testing.assert_allclose(sorted(tops["height_m"]), [14, 20], atol=1.2)
+    # With a distance that grows with height each top is judged by its own height.
+    tops = find_tops(cones(trees, 16), radius=0.8, spacing=lambda h: np.where(h < 16, 9.0, 1.0))
+    np.testing.assert_allclose(sorted(tops["height_m"]), [17, 20], atol=1.2)
+
+
+@pytest.mark.parametrize(("saddle", "prominent", "expected"), [(21.0, 1, 1), (20.5, 2, 1), (19.5, 2, 2)])
+def test_summits_of_one_crown_are_a_tree_unless_a_deep_saddle_parts_them(saddle, prominent, expected):
+    # Summits of 22 and 21.5 m, 3 m apart. A tree of its own descends 5 % less 1.5 cells (0.8 m), and 7.5 %
+    # less 1.5 cells (1.3 m) where it is nearer than trees of this height usually are (3.7 m).
+    ridge = np.interp(np.arange(100) * 0.2, [5, 7, 8.5, 10, 12], [0, 22, saddle, 21.5, 0])
+    fall = np.maximum(0, 1 - np.abs(np.arange(100) * 0.2 - 10) / 4) ** 0.2
+    surface = raster((ridge[None, :] * fall[:, None]).astype(np.float32))
+    assert len(find_tops(surface, radius=0.8, prominence_share=0.05)) == prominent
+    assert len(find_tops(surface)) == expected
 
 
 def test_averaging_removes_spikes_but_heights_stay_those_of_the_source():

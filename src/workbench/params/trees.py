@@ -114,11 +114,35 @@ class TreesParameters(Section):
     )
     spacing: float | None = parameter(
         None,
-        "Of tops nearer than this the highest stays; null merges only equal tops within one disc.",
+        "Of tops nearer than this the highest stays; null lets it grow with height (not beside a radius).",
         unit="m",
-        source="thesis 3.3.2, steps 4 and 5; the disc already separates the others",
+        source="thesis 3.3.2, steps 4 and 5",
         gt=0,
         le=50,
+    )
+    spacing_start: float = parameter(
+        -1.0,
+        "Growing least distance of tops at height zero, at least 0.5 m; stands of type conifer need none.",
+        unit="m",
+        source="twice broadleaf_start: the discs of two trees do not overlap (docs/trees.md)",
+        ge=-20,
+        le=20,
+    )
+    spacing_growth: float = parameter(
+        0.22,
+        "Growth of the least distance with height.",
+        unit="m/m",
+        source="twice broadleaf_growth",
+        ge=0,
+        le=1,
+    )
+    saddle_share: float = parameter(
+        0.075,
+        "A top with a prominence of this share of its height, less 1.5 cells, is a tree at any distance.",
+        unit="m/m",
+        source="saddles between conifers are deep, those within a broadleaf crown seldom (docs/trees.md)",
+        ge=0,
+        le=1,
     )
     min_prominence: float = parameter(
         0.0,

@@ -5,7 +5,14 @@ from workbench.trees.criteria import AtLeast, Change, Reach, Slope
 from workbench.trees.crowns import crown_labels, crown_table, grow_crowns, smoothed
 from workbench.trees.mask import height_over_surroundings, tree_mask
 from workbench.trees.methods import Dalponte, MarkerWatershed, RegionGrowing
-from workbench.trees.model import TreeInputs, TreeModel, crown_method, read_tree_inputs, search_window
+from workbench.trees.model import (
+    TreeInputs,
+    TreeModel,
+    crown_method,
+    read_tree_inputs,
+    search_spacing,
+    search_window,
+)
 from workbench.trees.stage import trees_site
 from workbench.trees.stands import stand_table, stand_types
 from workbench.trees.tops import TopSearch, find_tops, search_tops
@@ -44,6 +51,7 @@ __all__ = [
     "grow_crowns",
     "height_over_surroundings",
     "read_tree_inputs",
+    "search_spacing",
     "search_tops",
     "search_window",
     "smoothed",

@@ -42,6 +42,9 @@ _SEARCH = (
     "working_resolution",
     "top_smoothing",
     "spacing",
+    "spacing_start",
+    "spacing_growth",
+    "saddle_share",
     "min_prominence",
     "prominence_share",
 )
@@ -100,7 +103,8 @@ class TreeModel:
                 provenance=self.inputs.provenance,
                 working_resolution=options.working_resolution,
                 smoothing=options.top_smoothing,
-                spacing=options.spacing,
+                spacing=search_spacing(options, self.inputs.stands),
+                saddle_share=options.saddle_share if options.spacing is None else None,
                 min_prominence=options.min_prominence,
                 prominence_share=options.prominence_share,
                 tile_size=options.tile_size,
@@ -210,16 +214,36 @@ def search_window(
     """
     if options.radius is not None:
         return ConstantWindow(options.radius)
-    smallest = max(options.window_smallest, math.sqrt(2.0) * cell)
-    limits = {"smallest": smallest, "limit": max(options.window_largest, smallest)}
-    usual = GrowingWindow(options.window_start, options.window_growth, **limits)
+    usual = _growing(options, options.window_start, options.window_growth, cell)
     if stands is None:
         return usual
     types: dict[str, Window] = {
-        _CONIFER: GrowingWindow(options.conifer_start, options.conifer_growth, **limits),
-        _BROADLEAF: GrowingWindow(options.broadleaf_start, options.broadleaf_growth, **limits),
+        _CONIFER: _growing(options, options.conifer_start, options.conifer_growth, cell),
+        _BROADLEAF: _growing(options, options.broadleaf_start, options.broadleaf_growth, cell),
     }
     return StandWindow(stands, types, usual)
+
+
+def _growing(options: TreesParameters, start: float, growth: float, cell: float) -> GrowingWindow:
+    smallest = max(options.window_smallest, math.sqrt(2.0) * cell)
+    return GrowingWindow(start, growth, smallest, max(options.window_largest, smallest))
+
+
+def search_spacing(options: TreesParameters, stands: gpd.GeoDataFrame | None = None) -> Window | None:
+    """Least distance of two tops that the parameters ask for; None: that of the search disc.
+
+    In stands of type conifer it is the search disc as well: neighbours may be near, and a crown has one
+    summit.
+    """
+    if options.spacing is not None:
+        return ConstantWindow(options.spacing)
+    if options.radius is not None:
+        return None
+    usual = GrowingWindow(options.spacing_start, options.spacing_growth)
+    if stands is None:
+        return usual
+    conifers = _growing(options, options.conifer_start, options.conifer_growth, 0.0)
+    return StandWindow(stands, {_CONIFER: conifers}, usual)
 
 
 def crown_method(options: TreesParameters, layers: tuple[str, ...] = ()) -> CrownMethod:

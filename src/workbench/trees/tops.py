@@ -14,7 +14,7 @@ from workbench.errors import TreesError
 from workbench.params import TreesParameters
 from workbench.rasters import Grid, Tile, require_same_grid
 from workbench.trees import maxima
-from workbench.trees.windows import Window, as_window
+from workbench.trees.windows import GrowingWindow, Window, as_window
 from workbench.trees.working import CutSurface, Part, WorkingGrid, reach_of_gaussian
 
 _DEFAULTS = TreesParameters()
@@ -26,6 +26,9 @@ _HIDDEN_CELLS = 1.5  # What cells hide of a saddle: between flanks of 45 degrees
 PROMINENCE_SHARE = 0.05
 """Least prominence as a share of the height where no disc is asked for, on surfaces as they are; the tree
 stage smooths a little and asks for less (docs/trees.md)."""
+SADDLE_SHARE = _DEFAULTS.saddle_share
+"""Prominence as a share of the height from which a top is a tree however near another one stands, where no
+spacing is asked for (docs/trees.md)."""
 INTERPOLATED = 255
 """Value of a provenance raster where a height was not measured."""
 
@@ -66,7 +69,8 @@ def find_tops(
     provenance: xr.DataArray | None = None,
     working_resolution: float | None = _DEFAULTS.working_resolution,
     smoothing: float = 0.0,
-    spacing: float | None = _DEFAULTS.spacing,
+    spacing: float | Callable | Window | None = _DEFAULTS.spacing,
+    saddle_share: float | None = None,
     min_prominence: float = _DEFAULTS.min_prominence,
     prominence_share: float | None = None,
     tile_size: int = _DEFAULTS.tile_size,
@@ -107,7 +111,14 @@ def find_tops(
         no part. For surfaces from photographs, whose noise from cell to cell makes tops (the tree stage
         asks for it); 0: none, as laser surfaces and the thesis need it. Heights stay those of the source.
     spacing
-        Least distance of two tops, metres; None: that of the search disc.
+        Least distance of two tops, metres, or, as ``radius``, one that depends on the height of the lower
+        top. Tops are judged from the highest down, and only those that stay remove others. None: if
+        ``radius`` is None too, one that grows with height (:func:`growing_spacing`), so that a wide
+        crown with several summits is one tree; else that of the search disc.
+    saddle_share
+        A top that rises above its saddle by this share of its height (less one and a half cells, as
+        below) is a tree however near another one stands. None: :data:`SADDLE_SHARE` where no spacing was
+        asked for, else the spacing holds for all.
     min_prominence
         Least prominence, metres: how far one must descend from a top on any way to something higher,
         within 7 m (half of the largest crown).
@@ -145,10 +156,16 @@ def find_tops(
         working_resolution=working_resolution,
         smoothing=smoothing,
         spacing=spacing,
+        saddle_share=saddle_share,
         min_prominence=min_prominence,
         prominence_share=prominence_share,
         tile_size=tile_size,
     ).tops
+
+
+def growing_spacing() -> GrowingWindow:
+    """Least distance of two tops where nothing is asked for: discs of broadleaf trees do not overlap."""
+    return GrowingWindow(_DEFAULTS.spacing_start, _DEFAULTS.spacing_growth)
 
 
 def search_tops(
@@ -162,7 +179,8 @@ def search_tops(
     provenance: xr.DataArray | None = None,
     working_resolution: float | None = _DEFAULTS.working_resolution,
     smoothing: float = 0.0,
-    spacing: float | None = _DEFAULTS.spacing,
+    spacing: float | Callable | Window | None = _DEFAULTS.spacing,
+    saddle_share: float | None = None,
     min_prominence: float = _DEFAULTS.min_prominence,
     prominence_share: float | None = None,
     tile_size: int = _DEFAULTS.tile_size,
@@ -175,15 +193,22 @@ def search_tops(
     if window is not None and radius is not None:
         raise TreesError("Give the search disc as radius or as window, not both.")
     work = WorkingGrid.of(grid, working_resolution)
+    unasked = window is None and radius is None
     if prominence_share is None:
-        prominence_share = PROMINENCE_SHARE if window is None and radius is None else 0.0
+        prominence_share = PROMINENCE_SHARE if unasked else 0.0
+    if spacing is None and unasked:
+        spacing = growing_spacing()
+        saddle_share = SADDLE_SHARE if saddle_share is None else saddle_share
+    apart = None if spacing is None else as_window(spacing)
     disc = as_window(window if window is not None else radius, work.resolution)
     cut = CutSurface(surface, mask, terrain, min_height, work)
     largest = disc.largest(cut.highest(tile_size))
     _check_disc(largest, grid, work)
-    found = _maxima(cut, disc, largest, smoothing, (min_prominence, prominence_share), tile_size)
+    found = _maxima(
+        cut, disc, largest, smoothing, (min_prominence, prominence_share), saddle_share, tile_size
+    )
     multiple, kept = np.zeros(len(found), bool), found["stands_out"].copy()
-    multiple[kept], kept[kept] = _thin(found[kept], work, spacing)
+    multiple[kept], kept[kept] = _thin(found[kept], work, apart)
     return TopSearch(_frame(found, multiple, kept, grid, provenance), work.resolution)
 
 
@@ -194,7 +219,7 @@ def _check(
     terrain: xr.DataArray | None,
     provenance: xr.DataArray | None,
     min_height: float,
-    spacing: float | None,
+    spacing: float | Callable | Window | None,
 ) -> None:
     if surface.ndim != 2:
         raise TreesError(f"Tops need one band of heights (y, x), not {surface.dims}: select the band.")
@@ -202,7 +227,7 @@ def _check(
         raise TreesError(f"Distances need metres, but the surface is in {grid.crs}: reproject it.")
     if not min_height > 0:
         raise TreesError(f"A least height of {min_height} m makes trees of the ground: give more than 0.")
-    if spacing is not None and not spacing > 0:
+    if isinstance(spacing, int | float) and not spacing > 0:
         raise TreesError(f"A spacing of {spacing} m separates nothing: give a positive one, or None.")
     for other in (mask, terrain, provenance):
         if other is not None:
@@ -229,13 +254,20 @@ def _maxima(
     largest: float,
     smoothing: float,
     prominence: tuple[float, float],
+    saddle_share: float | None,
     tile_size: int,
 ) -> np.ndarray:
     """Local maxima of all tiles, one a plateau (its northern, then western cell), by place."""
     work = cut.grid
     offsets = maxima.disc(largest / work.resolution * _WIDER)
     sigma = smoothing / work.resolution
-    margin = int(max(_REACH * largest, _FAR if max(prominence) > 0 else 0.0) / work.resolution) + 1
+    margin = (
+        int(
+            max(_REACH * largest, _FAR if max(*prominence, saddle_share or 0.0) > 0 else 0.0)
+            / work.resolution
+        )
+        + 1
+    )
     margin += reach_of_gaussian(sigma)
 
     def of_tile(tile: Tile) -> tuple[np.ndarray, np.ndarray]:
@@ -254,7 +286,7 @@ def _maxima(
         levels = part.work.ravel()[places]
         first = maxima.plateaus(levels, places, width)
         alone = np.flatnonzero(first == np.arange(len(places)))
-        found = _describe(part, tile, work, places[alone], radii[alone], prominence)
+        found = _describe(part, tile, work, places[alone], radii[alone], prominence, saddle_share)
         return found, _edge(tile, work, places, levels, first)
 
     parts = dask.compute(*[dask.delayed(of_tile)(tile) for tile in work.tiles(tile_size, margin)])
@@ -273,6 +305,7 @@ def _describe(
     places: np.ndarray,
     radii: np.ndarray,
     prominence: tuple[float, float],
+    saddle_share: float | None,
 ) -> np.ndarray:
     found = np.zeros(len(places), _MAXIMUM)
     rows, columns = np.divmod(places, part.work.shape[1])
@@ -282,9 +315,14 @@ def _describe(
     reach = np.ceil(_REACH * radii / work.resolution).astype(np.int64)
     found["prominence"] = maxima.radial_prominence(part.work_height, rows, columns, reach)
     least, share = prominence
-    hidden = _HIDDEN_CELLS * work.resolution
-    depths = np.maximum(least, share * part.work_height[rows, columns].astype(np.float64) - hidden)
-    found["stands_out"] = maxima.stand_out(part.work, rows, columns, depths, int(_FAR / work.resolution) + 1)
+    hidden, far = _HIDDEN_CELLS * work.resolution, int(_FAR / work.resolution) + 1
+    heights = part.work_height[rows, columns].astype(np.float64)
+    depths = np.maximum(least, share * heights - hidden)
+    found["stands_out"] = maxima.stand_out(part.work, rows, columns, depths, far)
+    if saddle_share is not None:
+        some = np.flatnonzero(found["stands_out"])
+        depths = saddle_share * heights[some] - hidden
+        found["alone"][some] = maxima.stand_out(part.work, rows[some], columns[some], depths, far)
     apex_rows, apex_columns = part.apexes(rows, columns, work.factor)
     found["z"], found["height"] = part.surface[apex_rows, apex_columns], part.height[apex_rows, apex_columns]
     found["row"], found["column"] = apex_rows + top * work.factor, apex_columns + left * work.factor
@@ -305,7 +343,7 @@ def _edge(
     return edge
 
 
-def _thin(found: np.ndarray, work: WorkingGrid, spacing: float | None) -> tuple[np.ndarray, np.ndarray]:
+def _thin(found: np.ndarray, work: WorkingGrid, spacing: Window | None) -> tuple[np.ndarray, np.ndarray]:
     """Steps 4 and 5: which maxima have another one within the spacing, and which stay."""
     multiple, kept = np.zeros(len(found), bool), np.ones(len(found), bool)
     if spacing is None:
@@ -318,7 +356,10 @@ def _thin(found: np.ndarray, work: WorkingGrid, spacing: float | None) -> tuple[
         return multiple, kept
     some = found[looked_at]
     rows, columns = np.divmod(some["place"], work.shape[1])
-    reach = (some["radius"] if spacing is None else np.full(len(some), spacing)) / work.resolution * _WIDER
+    reach = some["radius"]
+    if spacing is not None:
+        reach = spacing.radii(some["height"].astype(np.float64), *work.centres(rows, columns))
+    reach = np.where(some["alone"], 0.0, reach / work.resolution * _WIDER)
     order = np.lexsort((some["place"], -some["level"]))
     points = np.stack([rows, columns], axis=1)[order].astype(np.float64)
     near, stays = maxima.thin(points, some["level"][order], reach[order], spacing is None)
@@ -358,6 +399,7 @@ _MAXIMUM = np.dtype(
         ("radius", np.float64),
         ("prominence", np.float32),
         ("stands_out", np.bool_),
+        ("alone", np.bool_),
         ("z", np.float32),
         ("height", np.float32),
         ("row", np.int64),
