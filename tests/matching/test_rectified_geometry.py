@@ -232,7 +232,7 @@ def test_two_photographs_at_one_place_have_no_base():
 
 @pytest.mark.parametrize(
     ("resolution", "factors"),
-    [(0.15, (1, 2, 3)), (0.05, (1, 2, 3)), (0.016, (2, 4, 8, 12)), (0.03, (1, 2, 4, 6))],
+    [(0.15, (1, 2, 3)), (0.05, (1, 2, 3)), (0.016, (3, 6, 12)), (0.025, (2, 4, 8)), (0.03, (1, 2, 4, 6))],
 )
 def test_downscales_reach_15_to_20_centimetres(resolution, factors):
     assert choose_downscales(resolution) == factors

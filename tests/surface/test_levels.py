@@ -109,3 +109,28 @@ def test_small_patch_of_one_pair_is_believed_at_a_small_angle_only(tmp_path, oth
     with grid_level([StoredPair(frame, lambda: pair)], 1, grid, (-5.0, 20.0), tmp_path) as level:
         found = np.isfinite(level.arrays.read("height", (slice(0, grid.height), slice(0, grid.width))))
     assert found.sum() * 0.15**2 == pytest.approx(9 if kept else 0, rel=0.1)
+
+
+def flat(first, second, downscale, height):
+    """A level plane as one pair measures it."""
+    frame, _ = rectify_pair(StereoPair(first, second, "inflight"), (-5, 20), downscale=downscale)
+    disparity = np.full(frame.shape, frame.focal * frame.base / (100.0 - height) - frame.shift, np.float32)
+    pair = MatchedPair("p", downscale, frame, disparity, np.full(frame.shape, 200, np.uint8))
+    return StoredPair(frame, lambda: pair)
+
+
+@pytest.mark.parametrize(("other", "source"), [(1, 1), (3, 2)])
+def test_two_witnesses_at_a_coarse_downscale_come_before_one_wide_pair_at_a_fine_one(tmp_path, other, source):
+    """One pair at 6 degrees is believed like two; at 17 degrees the agreement of two is preferred."""
+    grid = Grid.from_bounds(UTM, (400_003, 5_299_995, 400_013, 5_300_005), 0.2)
+    fine = [flat(STRIP[0], STRIP[other], 1, 3.0)]
+    coarse = [flat(STRIP[0], STRIP[3], 2, 4.0), flat(STRIP[0], STRIP[2], 2, 4.0)]
+    with (
+        grid_level(fine, 1, grid, (-5.0, 20.0), tmp_path) as first,
+        grid_level(coarse, 2, level_grid(grid, 2, 1), (-5.0, 20.0), tmp_path) as second,
+    ):
+        found = fuse_levels([first, second], grid, (slice(0, grid.height), slice(0, grid.width)), 0.5)
+    assert np.isfinite(found.height).all()
+    assert (found.provenance == source).all()
+    np.testing.assert_allclose(found.height, {1: 3.0, 2: 4.0}[source], atol=0.02)
+    assert found.count.max() == source

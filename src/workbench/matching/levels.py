@@ -18,10 +18,12 @@ _FINE, _TARGET, _COARSEST = 0.05, 0.15, 0.20
 def choose_downscales(ground_resolution: float) -> tuple[int, ...]:
     """Factors by which photographs of a ground resolution (metres) are reduced.
 
-    From 5 cm on they are those of the thesis, 1, 2, 3 [4.2.1]. Finer photographs begin at the
-    factor next to 3 cm (single leaves move between exposures and are no surface), double up to
-    15 cm and end at 20 cm, the coarsest that the thesis finds best for trees [5.1]: a drone at
-    1.6 cm gets 2, 4, 8, 12.
+    From 5 cm on they are those of the thesis, 1, 2, 3 [4.2.1]. Finer photographs are reduced as far as
+    stays within 5 cm, then double up to 15 cm and end at 20 cm, the coarsest that the thesis finds
+    best for trees [5.1]: a drone at 1.6 cm gets 3, 6, 12. Single leaves and blades, which move between
+    exposures, are no surface, and a pixel of a colour sensor measures one colour of three: the rest is
+    interpolated, then compressed. On photographs of a drone the finer list is the worse one, on
+    virtual ones, where nothing of this happens, it is better by millimetres (docs/surface.md).
 
     Raises
     ------
@@ -32,7 +34,7 @@ def choose_downscales(ground_resolution: float) -> tuple[int, ...]:
         raise MatchingError("The photographs lie below the ground: check the vertical datum of positions.")
     if ground_resolution >= _FINE:
         return 1, 2, 3
-    factors = [max(round(0.03 / ground_resolution), 1)]
+    factors = [max(math.floor(_FINE / ground_resolution), 1)]
     while factors[-1] * 2 * ground_resolution <= _TARGET:
         factors.append(factors[-1] * 2)
     last = math.floor(_COARSEST / ground_resolution)

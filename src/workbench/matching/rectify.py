@@ -13,6 +13,30 @@ from workbench.matching.pairs import StereoPair
 from workbench.orientation import OrientedPhotograph
 
 
+@dataclass(frozen=True)
+class RowOffsets:
+    """How far lower points lie in the right image than their row says: a surface of second degree.
+
+    In tangents (pixels over the focal length), so that it holds for every downscale of a pair.
+    """
+
+    coefficients: tuple[float, ...]
+    """Of 1, x, y, xy, xx, yy."""
+    lowest: float
+    """Least offset that was seen: beyond what was measured the surface would run away."""
+    highest: float
+    """Largest offset that was seen."""
+
+    def at(self, x: np.ndarray, y: np.ndarray) -> np.ndarray:
+        """Offsets, tangent, at tangents across and down in the right image."""
+        return np.clip(self.terms(x, y) @ np.array(self.coefficients), self.lowest, self.highest)
+
+    @staticmethod
+    def terms(x: np.ndarray, y: np.ndarray) -> np.ndarray:
+        """What the coefficients belong to, (..., 6)."""
+        return np.stack([np.ones_like(x), x, y, x * y, x * x, y * y], axis=-1)
+
+
 @dataclass(frozen=True, eq=False)
 class Rectification:
     """A pair in which a point lies in the same row of both images.
@@ -37,6 +61,8 @@ class Rectification:
     """Width of the range, px."""
     shape: tuple[int, int]
     """Rows and columns of the rectified images."""
+    rows: RowOffsets | None = None
+    """What orientation left of vertical parallax, as far as it is known; taken out of the right image."""
 
     def points(self, columns: np.ndarray, rows: np.ndarray, disparity: np.ndarray) -> np.ndarray:
         """World points (..., 3) of left pixels (positions, origin at the corner) with a disparity."""
@@ -131,6 +157,8 @@ def resample(
         np.meshgrid((u - cx) / rectification.focal, (v - rectification.principal[1]) / rectification.focal),
         -1,
     )
+    if right and rectification.rows is not None:
+        plane[..., 1] += rectification.rows.at(plane[..., 0], plane[..., 1])
     rays = np.concatenate([plane, np.ones((*plane.shape[:2], 1))], -1) @ rectification.rotation
     positions = camera.project((rays @ pose.rotation.T).reshape(-1, 3)).reshape(len(v), len(u), 2)
     scale = np.array([image.shape[1] / camera.width, image.shape[0] / camera.height])

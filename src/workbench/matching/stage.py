@@ -7,7 +7,7 @@ import json
 import shutil
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
 
@@ -25,7 +25,8 @@ from workbench.matching.levels import (
     search_heights,
 )
 from workbench.matching.pairs import StereoPair, intersection_angle_at, select_pairs
-from workbench.matching.rectify import rectify_pair, resample
+from workbench.matching.rectify import RowOffsets, rectify_pair, resample
+from workbench.matching.rows import measure_row_offsets
 from workbench.matching.store import MatchedPair, load_pair, pack, save_pair, stored_pair
 from workbench.orientation import Block, read_block
 from workbench.params import MatchParameters, Parameters
@@ -81,6 +82,7 @@ def match_site(site: Site, parameters: Parameters) -> dict:
         work = stage.path("work") / _key(orientation, options)
         files: dict[int, list[Path]] = {}
         guide: Guide | None = None
+        rows: list[RowOffsets | None] = [None] * len(pairs)
         shares = {}
         for downscale in reversed(downscales):
             files[downscale], shares[downscale] = _match_level(
@@ -88,10 +90,12 @@ def match_site(site: Site, parameters: Parameters) -> dict:
                 downscale,
                 search_heights(block, options),
                 guide,
+                rows,
                 options,
                 affordable_disparities(downscale, downscales[0], options),
                 work,
             )
+            rows = [stored_pair(path).rectification.rows for path in files[downscale]]
             if downscale != downscales[0]:
                 guide = _surface(files, block, resolution, search_heights(block, options), work)
         entries = [(f"ds{d}/{path.name}", path) for d in downscales for path in files[d]]
@@ -133,6 +137,7 @@ def _match_level(
     downscale: int,
     heights: tuple[float, float],
     guide: Guide | None,
+    rows: Sequence[RowOffsets | None],
     options: MatchParameters,
     affordable: float,
     work: Path,
@@ -141,11 +146,13 @@ def _match_level(
     folder.mkdir(parents=True, exist_ok=True)
     grey = lru_cache(_CACHED_PHOTOGRAPHS)(lambda path: _grey(path, downscale))
     files, matched, known = [], 0, 0
+    known_rows = dict(zip((pair.name for pair in pairs), rows, strict=True))
     for pair in track(pairs, f"matching at 1/{downscale}", transient=True):
         path = folder / f"{pair.name}.zip"
         files.append(path)
         if not path.exists():
-            save_pair(_match(pair, downscale, heights, guide, options, affordable, grey), path)
+            found = _match(pair, downscale, heights, guide, known_rows[pair.name], options, affordable, grey)
+            save_pair(found, path)
         disparity = load_pair(path).disparity
         matched += int(np.isfinite(disparity).sum())
         known += disparity.size
@@ -157,11 +164,15 @@ def _match(
     downscale: int,
     heights: tuple[float, float],
     guide: Guide | None,
+    rows: RowOffsets | None,
     options: MatchParameters,
     affordable: float,
     grey: Callable[[Path], np.ndarray],
 ) -> MatchedPair:
-    """Match one pair; a range of up to ``affordable`` disparities is searched wholly, without a guide."""
+    """Match one pair; a range of up to ``affordable`` disparities is searched wholly, without a guide.
+
+    ``rows`` is what the coarser level found of vertical parallax; the result holds what this one found.
+    """
     rectification, swapped = rectify_pair(pair, heights, downscale=downscale)
     if guide is not None and rectification.disparities > affordable:
         # What the coarser levels found bounds the range, with room for what they missed.
@@ -173,6 +184,7 @@ def _match(
         rectification, swapped = rectify_pair(pair, heights, downscale=downscale)
     else:
         guide = None
+    rectification = replace(rectification, rows=rows)
     left, right = (pair.right, pair.left) if swapped else (pair.left, pair.right)
     images = [
         resample(grey(photo.path), photo.camera, photo.pose, rectification, right=is_right)
@@ -198,6 +210,9 @@ def _match(
     at_end = (disparity < _END) | (disparity > rectification.disparities - _END)
     disparity[at_end] = np.nan
     confidence = np.clip(np.rint(result.confidence.values * 255), 0, 255).astype(np.uint8)
+    rectification = replace(
+        rectification, rows=measure_row_offsets(images[0], images[1], disparity, rectification)
+    )
     return MatchedPair(pair.name, downscale, rectification, disparity, confidence)
 
 

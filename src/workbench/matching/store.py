@@ -13,7 +13,7 @@ from typing import IO, Any
 import numpy as np
 
 from workbench.errors import MatchingError
-from workbench.matching.rectify import Rectification
+from workbench.matching.rectify import Rectification, RowOffsets
 
 _FRACTION = 64  # Steps per pixel: finer than any matcher is accurate.
 _INVALID = 65535
@@ -62,6 +62,7 @@ def save_pair(pair: MatchedPair, path: Path) -> None:
         "shift": r.shift,
         "disparities": r.disparities,
         "shape": list(r.shape),
+        "rows": None if r.rows is None else [list(r.rows.coefficients), r.rows.lowest, r.rows.highest],
     }
     part = path.with_name(f".{path.name}.part")
     with zipfile.ZipFile(part, "w") as file:
@@ -166,6 +167,7 @@ def _load_rectification(source: Path | IO[bytes], name: Path | str) -> Rectifica
 
 def _rectification(facts: Mapping[str, Any]) -> Rectification:
     rows, columns = facts["shape"]
+    offsets = facts["rows"]
     return Rectification(
         np.array(facts["rotation"]),
         np.array(facts["centre"]),
@@ -175,6 +177,7 @@ def _rectification(facts: Mapping[str, Any]) -> Rectification:
         facts["shift"],
         facts["disparities"],
         (rows, columns),
+        None if offsets is None else RowOffsets(tuple(offsets[0]), offsets[1], offsets[2]),
     )
 
 

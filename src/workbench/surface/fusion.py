@@ -23,8 +23,10 @@ def fuse_pairs(
     The heights of a cell are sorted and cut where a gap is wider than the tolerance; the group with
     the largest weight wins, the higher one of two equal. So a cell at the edge of a crown, where
     some pairs saw the crown and others the ground, gets one of the two and not a mean. Within the
-    group, which holds no outlier any more, the weighted mean is the height: weight = confidence /
-    precision^2. (On Brighton Beach the noise of its heights is a sixth less than that of a median.)
+    group, which holds no outlier any more, the weighted mean is the height (on Brighton Beach its noise
+    is a sixth less than that of a median). Weight = confidence / precision, not precision^2: only the
+    noise of matching falls with the base. Residuals of the orientation do not, and wide pairs see a rough
+    surface from more different sides (docs/surface.md has what was measured).
 
     Parameters
     ----------
@@ -132,7 +134,7 @@ def _fuse(
                     place -= 1
                 z[place] = value
                 sd = precision[pair, row, column]
-                w[place] = confidence[pair, row, column] / (sd * sd)
+                w[place] = confidence[pair, row, column] / sd
                 limit = max(limit, 3.0 * sd)
                 n += 1
             if n == 0:

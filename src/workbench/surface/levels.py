@@ -35,11 +35,11 @@ class Level:
         self.grid = grid
         """Cells of the surface."""
         self.arrays = ScratchArrays(
-            folder, grid.shape, {"height": "float32", "count": "uint8", "spread": "float32"}
+            folder, grid.shape, {"height": "float32", "count": "uint8", "spread": "float32", "sure": "uint8"}
         )
         """``height`` (float32, metres, NaN where nothing was measured), ``count`` (uint8: pairs that
         measured and were used), ``spread`` (float32: robust standard deviation of the used heights,
-        metres)."""
+        metres), ``sure`` (uint8: 1 where two pairs, or one at a small angle, vouch for the height)."""
 
     def window(self, name: str, grid: Grid, window: Window, *, step: float | None = None) -> np.ndarray:
         """One of the arrays in a window of a grid of the same or of finer cells.
@@ -116,13 +116,13 @@ def grid_level(
         height, count, spread, agreed = _fuse_tile(stored, grid, tile, heights, parameters)
         height[count < parameters.min_count] = np.nan
         specks.add(tile, height, agreed)
-        _store(level, tile, height, count, spread)
+        _store(level, tile, height, count, spread, agreed)
     specks.finish()
     for tile in tiles:
         height = level.arrays.read("height", tile.core)
         if specks.clean(tile, height):
-            count, spread = (level.arrays.read(name, tile.core) for name in ("count", "spread"))
-            _store(level, tile, height, count, spread)
+            others = (level.arrays.read(name, tile.core) for name in ("count", "spread", "sure"))
+            _store(level, tile, height, *others)
     return level
 
 
@@ -134,6 +134,9 @@ def level_grid(grid: Grid, downscale: int, finest: int) -> Grid:
 
 def fuse_levels(levels: Sequence[Level], grid: Grid, window: Window, step: float) -> FusedWindow:
     """Holes of each downscale filled with measured cells of the next one [thesis 4.2.1, 5.1].
+
+    What two pairs agree on, or one at a small angle saw, comes first, from the finest to the coarsest:
+    more detail does not make up for a second witness. The rest is filled by what one wide pair measured.
 
     Parameters
     ----------
@@ -153,8 +156,11 @@ def fuse_levels(levels: Sequence[Level], grid: Grid, window: Window, step: float
         np.full(shape, np.nan, np.float32),
         alone,
     )
-    for level in levels:
+    sure = {level.downscale: level.window("sure", grid, window) > 0 for level in levels}
+    for level, witnessed in [(level, True) for level in levels] + [(level, False) for level in levels]:
         new = np.isnan(fused.height) & np.isfinite(alone[level.downscale])
+        if witnessed:
+            new &= sure[level.downscale]
         if new.any():
             fused.height[new] = alone[level.downscale][new]
             fused.provenance[new] = level.downscale
@@ -215,9 +221,11 @@ def _fuse_tile(
     return fused, count, spread, agreed
 
 
-def _store(level: Level, tile: Tile, height: np.ndarray, count: np.ndarray, spread: np.ndarray) -> None:
+def _store(
+    level: Level, tile: Tile, height: np.ndarray, count: np.ndarray, spread: np.ndarray, sure: np.ndarray
+) -> None:
     """Write a tile; where there is no height, nothing counts."""
     empty = np.isnan(height)
-    count[empty], spread[empty] = 0, np.nan
-    for name, values in (("height", height), ("count", count), ("spread", spread)):
+    count[empty], spread[empty], sure[empty] = 0, np.nan, 0
+    for name, values in (("height", height), ("count", count), ("spread", spread), ("sure", sure)):
         level.arrays.write(name, values, tile.core)
