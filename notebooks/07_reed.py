@@ -133,16 +133,32 @@ moved[moved.factor != 1].set_index(["threshold", "factor"]).round(2)
 
 # %% [markdown]
 # ## Your own surface
-# Nothing above needs a site. Any surface with a CRS, a water level and the polygon of the lake will do:
+# Nothing above needs a site. Any surface in metres, a water level in its vertical datum and the polygon of the lake
+# will do; the rest (areas of interest, transects, field tables) may be left out. On the command line:
+#
+#     workbench reed-surface dsm.tif --water-level 517.93 --vertical-datum DHHN2016 --shoreline lake.gpkg --out results
+#
+# In Python, with the same panel:
 #
 #     from workbench.rasters import read_raster
 #     from workbench.vectors import read_vector
-#     from workbench.reed import ReedModel
+#     from workbench.reed import ReedModel, doubts
 #     from workbench.figures.reed import reed_panel
 #
 #     dsm = read_raster("dsm.tif", vertical_datum="DHHN2016")
-#     model = ReedModel(dsm, 517.93, read_vector("shoreline.gpkg"))
+#     model = ReedModel(dsm, 517.93, read_vector("lake.gpkg"))
 #     reed_panel(model)
 #
+# A level in another datum, or a polygon of the land instead of the lake, gives wrong numbers and no error. Ask:
+
+# %%
+from workbench.reed import doubts, measure_reed, open_water
+from workbench.vectors import read_vector
+
+print("open water lies at", round(open_water(metrics), 2), "m; doubts:", doubts(metrics, parameters.reed))
+too_low = measure_reed(model.dsm, model.water_level - 0.4, read_vector(site.shoreline))
+doubts(too_low, parameters.reed)
+
+# %% [markdown]
 # Two dates of one shore are compared by `workbench.reed.compare_dates`: what was lost and gained, and by how many
 # metres the front of every section moved.

@@ -33,6 +33,7 @@ from workbench.reed import (
     References,
     agreements,
     compare_heights,
+    doubts,
     load_model,
     load_references,
 )
@@ -131,16 +132,17 @@ class _ReedPanel:
         self.sources = {
             name: ColumnDataSource() for name in ("extent", "density", "boxes", "lines", "closed")
         }
-        self.mapper = LinearColorMapper(palette=Viridis256, nan_color="#bdbdbd", low_color=_WATER)
+        self.mapper = LinearColorMapper(palette=Viridis256, nan_color="#bdbdbd")
         self.scores = pn.pane.HTML("", width=330)
         self.message = pn.pane.Alert("", alert_type="danger", visible=False, width=330)
+        self.doubts = pn.pane.Alert("", alert_type="warning", visible=False, width=330)
         self.sliders = _sliders(options, self.level, model.grid.resolution)
         for slider in self.sliders.values():
             slider.param.watch(self.update, "value_throttled")
         self.heights: HeightAgreement | None = None
         self.unknown = np.zeros(self.shown.shape, dtype=np.uint8)
         self.update()
-        controls: list[Any] = [*self.sliders.values(), self.message]
+        controls: list[Any] = [*self.sliders.values(), self.message, self.doubts]
         if parameters_file is not None:
             controls.append(write_button(parameters_file, self.values))
         pictures = self._pictures(ortho)
@@ -170,6 +172,7 @@ class _ReedPanel:
             self.message.visible = False
             if "ohm" in computed:
                 self._rescale(options)
+                self._doubt(metrics, options)
                 if self.references.points is not None:
                     compared = compare_heights(
                         metrics.ohm, self.references.points, radius=options.point_radius
@@ -190,6 +193,11 @@ class _ReedPanel:
                 self.sources["boxes"].data = _boxes(metrics.sections)
             found = agreements(metrics, self.references, dense_stems=options.plot_dense_stems)
             self.scores.object = _scores(metrics, found, self.heights)
+
+    def _doubt(self, metrics: ReedMetrics, options: ReedParameters) -> None:
+        """Say whether surface, level and shoreline seem not to fit; they change with the level only."""
+        found = doubts(metrics, options, shoreline=self.model.shoreline is not None)
+        self.doubts.object, self.doubts.visible = "\n\n".join(found), bool(found)
 
     def _rescale(self, options: ReedParameters) -> None:
         """Another water level only shifts the colours of the heights, which are kept above the first one."""

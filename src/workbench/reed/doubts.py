@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import cv2
 import numpy as np
-import shapely
+from affine import Affine
 from rasterio.features import rasterize
 
 from workbench.params import ReedParameters
 from workbench.reed.measure import ReedMetrics
 
 _STAND = 1.0  # Reed is taller [reed 1], m.
+_SAMPLES = 1_000_000  # Heights that are looked at.
 _FAR = 6.0  # Farther from reed than matching smears its front, m.
 _LEAST = 20.0  # Open water that a level can be judged by, m².
 _OFF = 0.25  # Height of open water that is no longer noise, m.
@@ -61,20 +62,19 @@ def open_water(metrics: ReedMetrics) -> float:
     Open water is ground of known height on the lake side, lower than any stand (1 m), and farther than 6 m
     from anything higher: where it is not near zero, surface and level do not fit.
     """
-    grid, heights = metrics.extent.grid, metrics.ohm.values
-    lake = _mask([metrics.extent.lake], metrics)
+    heights, lake, cell = _sample(metrics)
     with np.errstate(invalid="ignore"):
         low = heights < _STAND
     tall = (np.isfinite(heights) & ~low) | ~lake
-    reach = 2 * int(np.ceil(_FAR / grid.resolution)) + 1
+    reach = 2 * int(np.ceil(_FAR / cell)) + 1
     near = cv2.dilate(tall.astype(np.uint8), np.ones((reach, reach), dtype=np.uint8)).astype(bool)
     water = heights[low & lake & ~near]
-    return float(np.median(water)) if len(water) * grid.resolution**2 >= _LEAST else float("nan")
+    return float(np.median(water)) if len(water) * cell**2 >= _LEAST else float("nan")
 
 
 def _heights(metrics: ReedMetrics) -> str:
-    known = metrics.ohm.values[_mask([metrics.extent.lake], metrics)]
-    known = known[np.isfinite(known)]
+    heights, lake, _ = _sample(metrics)
+    known = heights[lake & np.isfinite(heights)]
     if not len(known):
         return "It has no heights at all."
     low, middle, high = np.percentile(known, [5, 50, 95])
@@ -82,18 +82,25 @@ def _heights(metrics: ReedMetrics) -> str:
 
 
 def _sides_swapped(metrics: ReedMetrics) -> bool:
-    lake, heights = _mask([metrics.extent.lake], metrics), metrics.ohm.values
+    heights, lake, cell = _sample(metrics)
     with np.errstate(invalid="ignore"):
         level = np.abs(heights) < _OFF
     known = np.isfinite(heights)
     inside, outside = (np.count_nonzero(known & side) for side in (lake, ~lake))
-    if min(inside, outside) * metrics.extent.grid.resolution**2 < _LEAST:
+    if min(inside, outside) * cell**2 < _LEAST:
         return False
     return bool(
         np.count_nonzero(level & lake) < _FEW * inside and np.count_nonzero(level & ~lake) > _MANY * outside
     )
 
 
-def _mask(shapes: list[shapely.Geometry], metrics: ReedMetrics) -> np.ndarray:
+def _sample(metrics: ReedMetrics) -> tuple[np.ndarray, np.ndarray, float]:
+    """Every so many-th height (m), whether it lies on the lake side, and the distance between two, m."""
     grid = metrics.extent.grid
-    return rasterize(shapes, out_shape=grid.shape, transform=grid.transform, dtype="uint8").astype(bool)
+    step = int(np.ceil(np.sqrt(grid.height * grid.width / _SAMPLES)))
+    heights = metrics.ohm.values[step // 2 :: step, step // 2 :: step]
+    # The middle of a coarse cell is that of the pixel that stands for it.
+    shift = step // 2 + 0.5 - step / 2
+    transform = grid.transform * Affine.translation(shift, shift) * Affine.scale(step)
+    lake = rasterize([metrics.extent.lake], out_shape=heights.shape, transform=transform, dtype="uint8")
+    return heights, lake.astype(bool), step * grid.resolution
