@@ -21,11 +21,14 @@ import numpy as np
 import pandas as pd
 import xarray as xr
 import yaml
+from scipy.spatial import cKDTree
+from scipy.stats import spearmanr
 
 import workbench.virtual
 from workbench.params import Parameters, ReedParameters
 from workbench.rasters import Grid, new_raster, read_raster
 from workbench.reed import (
+    ReedMetrics,
     ReedModel,
     References,
     agreement_by_area,
@@ -309,6 +312,7 @@ def findings(site: Site, model: ReedModel, references: References) -> None:
     metrics = model.measure()
     compared = compare_heights(metrics.ohm, references.points)
     numbers = {"R01 R02": height_findings(compared), "R03": depth_findings(compared, metrics, references)}
+    numbers["R03"] |= depth_within_areas(metrics, references)
     numbers["R04 R05 R06"] = matrix_findings(agreements(metrics, references))
     fray = {belt.aoi: belt.fray for belt in load_scene(SCENE).reed}
     numbers["R08"] = {"fray_to_sinuosity": front_finding(metrics, fray)}
@@ -317,6 +321,26 @@ def findings(site: Site, model: ReedModel, references: References) -> None:
     print("\n## Findings")
     for name, values in numbers.items():
         print(f"{name}: " + ", ".join(f"{key} {value:.2f}" for key, value in values.items()))
+
+
+def depth_within_areas(metrics: ReedMetrics, references: References) -> dict[str, float]:
+    """R03 without what differs from area to area: ranks of plots within theirs, and all cells."""
+    points = references.points.dropna(subset="water_depth_m")
+    tree = cKDTree(points[["x", "y"]])
+    plots = references.plots.copy()
+    plots["depth"] = points.water_depth_m.to_numpy()[tree.query(plots[["x", "y"]])[1]]
+    ranks = plots.groupby("aoi")[["depth", "stems_per_m2"]].rank(pct=True)
+    cells = metrics.cells[metrics.cells.density != "unknown"]
+    middles = cells.geometry.centroid
+    distance, nearest = tree.query(np.column_stack([middles.x, middles.y]))
+    depth, sparse = points.water_depth_m.to_numpy()[nearest], (cells.density == "sparse").to_numpy()
+    near = distance < 3.0
+    return {
+        "depth_to_stems_within_areas": float(spearmanr(ranks.depth, ranks.stems_per_m2).statistic),
+        "depth_to_sparse_of_all_cells": float(spearmanr(depth[near], sparse[near]).statistic),
+        "median_depth_of_sparse_m": float(np.median(depth[near & sparse])),
+        "median_depth_of_dense_m": float(np.median(depth[near & ~sparse])),
+    }
 
 
 def thresholds_over_gsd(model: ReedModel, references: References, title: str) -> None:
