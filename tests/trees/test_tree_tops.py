@@ -312,6 +312,9 @@ def test_infinite_cells_and_spikes_outside_the_mask_do_no_harm():
         ({"radius": 0.1}, "less than one cell"),
         ({"radius": 500.0}, "larger than the raster"),
         ({"radius": 1.0, "min_height": 0.0}, "makes trees of the ground"),
+        ({"saddle_share": -0.1}, "no share"),
+        ({"prominence_share": 5.0}, "no share"),
+        ({"min_prominence": -1.0}, "impossible"),
         ({"radius": 1.0, "spacing": -1.0}, "separates nothing"),
         ({"radius": 0.3, "working_resolution": 1.0}, "less than one cell"),
         ({"radius": 1.0, "smoothing": -0.1}, "smoothing"),
@@ -335,6 +338,18 @@ def test_rasters_on_other_grids_or_without_metres_are_refused():
         find_tops(surface.drop_vars("spatial_ref"))
     with pytest.raises(TreesError, match="one band"):
         find_tops(surface.expand_dims(band=2))
+
+
+def test_surfaces_in_other_units_or_of_elevations_are_refused():
+    surface = cones([(5.0, 5.0, 20.0, 2.0), (15.0, 15.0, 10.0, 2.0)], 20)
+    with pytest.raises(TreesError, match="centimetres"):
+        find_tops(raster((surface.values * 100).astype(np.int16)))
+    with pytest.raises(TreesError, match="elevations"):
+        find_tops(surface + 300)
+    with pytest.raises(TreesError, match="foot"):
+        find_tops(raster(surface.values, crs="EPSG:2263"))
+    with pytest.raises(TreesError, match="read_raster"):
+        find_tops(surface.values)
 
 
 def test_a_window_that_lies_about_its_largest_radius_is_found_out():

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -22,6 +23,7 @@ _LOWEST = -1e30
 _WIDER = 1 + 1e-9  # 0.3 m are three cells of 0.1 m, whatever binary fractions say.
 _REACH = 2.0  # The measure of prominence looks twice as far as the search disc: to the next crowns.
 _FAR = _DEFAULTS.max_diameter / 2  # Two tops of one tree are seldom farther from each other, metres.
+_TALLEST_TREE = 120.0  # Metres.
 _HIDDEN_CELLS = 1.5  # What cells hide of a saddle: between flanks of 45 degrees about their diagonal.
 PROMINENCE_SHARE = 0.05
 """Least prominence as a share of the height where no disc is asked for, on surfaces as they are; the tree
@@ -141,7 +143,8 @@ def find_tops(
     Raises
     ------
     TreesError
-        If the disc is smaller than a cell or larger than the raster, or a value is out of range.
+        If the disc is smaller than a cell or larger than the raster, a value is out of range, or heights
+        are those of no tree (centimetres, elevations).
     RasterError
         If mask, terrain or provenance lie on another grid, or the surface has no CRS.
     """
@@ -186,6 +189,11 @@ def search_tops(
     tile_size: int = _DEFAULTS.tile_size,
 ) -> TopSearch:
     """As :func:`find_tops`, with what every step left."""
+    if not isinstance(surface, xr.DataArray):
+        raise TreesError(
+            f"A surface is a raster with its place, not {type(surface).__name__}: read the file with "
+            "workbench.rasters.read_raster."
+        )
     grid = Grid.of(surface)
     _check(surface, grid, mask, terrain, provenance, min_height, spacing)
     if not 0 <= smoothing <= _FAR:
@@ -204,9 +212,11 @@ def search_tops(
     cut = CutSurface(surface, mask, terrain, min_height, work)
     largest = disc.largest(cut.highest(tile_size))
     _check_disc(largest, grid, work)
+    _check_shares(min_prominence, prominence_share, saddle_share)
     found = _maxima(
         cut, disc, largest, smoothing, (min_prominence, prominence_share), saddle_share, tile_size
     )
+    _check_heights(found["height"])
     multiple, kept = np.zeros(len(found), bool), found["stands_out"].copy()
     multiple[kept], kept[kept] = _thin(found[kept], work, apart)
     return TopSearch(_frame(found, multiple, kept, grid, provenance), work.resolution)
@@ -225,6 +235,11 @@ def _check(
         raise TreesError(f"Tops need one band of heights (y, x), not {surface.dims}: select the band.")
     if grid.crs.is_geographic:
         raise TreesError(f"Distances need metres, but the surface is in {grid.crs}: reproject it.")
+    if grid.crs.is_projected and not math.isclose(grid.crs.linear_units_factor[1], 1.0):
+        raise TreesError(
+            f"Distances need metres, but the surface is in {grid.crs}, whose unit is the "
+            f"{grid.crs.linear_units}: reproject it."
+        )
     if not min_height > 0:
         raise TreesError(f"A least height of {min_height} m makes trees of the ground: give more than 0.")
     if isinstance(spacing, int | float) and not spacing > 0:
@@ -232,6 +247,23 @@ def _check(
     for other in (mask, terrain, provenance):
         if other is not None:
             require_same_grid(surface, other)
+
+
+def _check_shares(min_prominence: float, prominence_share: float, saddle_share: float | None) -> None:
+    for name, share in (("prominence_share", prominence_share), ("saddle_share", saddle_share)):
+        if share is not None and not 0 <= share <= 1:
+            raise TreesError(f"A {name} of {share} is no share of a height: give 0 (none) to 1.")
+    if not min_prominence >= 0:
+        raise TreesError(f"A least prominence of {min_prominence} m is impossible: give 0 (none) or more.")
+
+
+def _check_heights(heights: np.ndarray) -> None:
+    """Half of the maxima higher than any tree of the world are no trees."""
+    if len(heights) and np.median(heights) > _TALLEST_TREE:
+        raise TreesError(
+            f"Half of the tops would be higher than {np.median(heights):.0f} m; no tree is. If the surface "
+            "is in centimetres, divide it by 100; if it holds elevations, give terrain= or subtract it."
+        )
 
 
 def _check_disc(largest: float, grid: Grid, work: WorkingGrid) -> None:
