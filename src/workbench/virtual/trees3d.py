@@ -28,8 +28,12 @@ CROWN_SHAPE = {"broadleaf": 2.0, "conifer": 1.2}
 """n of the crown model, typical values of thesis table 2.2."""
 LEAF_DIAMETER = {"broadleaf": 0.06, "conifer": 0.05}
 """Diameter of a disc of foliage, metres: a leaf with its neighbours, a tuft of needles (3-9 cm)."""
-LEAF_AREA_INDEX = {"broadleaf": 2.7, "conifer": 2.8}
-"""One-sided leaf area over crown area that takes part in the image; the rest of a real index hides below."""
+LEAF_AREA_INDEX = {"broadleaf": 5.0, "conifer": 4.5}
+"""One-sided leaf area over crown area: beech stands have 5 to 6, stands of pine 2.5 to 4, of spruce 5 to 8.
+
+With half of it a line of sight ends 3 m below the outermost leaves of a conifer, and ground shows through
+single crowns.
+"""
 _BRANCHES = 40
 """Main branches of a broadleaf crown: small crowns have shorter ones, not fewer (while clumps last)."""
 _CLUMPS_A_BRANCH = 2, 6
