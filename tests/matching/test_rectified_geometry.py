@@ -83,6 +83,20 @@ def test_resampling_agrees_with_projection():
         np.testing.assert_allclose(sampled[i[keep], j[keep]], expected, atol=0.02)
 
 
+def test_a_reduced_photograph_keeps_its_scale_though_its_remainder_is_cut_off():
+    first, second = PAIRS["diagonal"]
+    factor = 7
+    assert CAMERA.height % factor and CAMERA.width % factor
+    rectification, swapped = rectify_pair(StereoPair(first, second, "inflight"), (-5, 20), downscale=factor)
+    left = second if swapped else first
+    columns = np.arange(CAMERA.width // factor) * factor + factor / 2
+    values = np.broadcast_to(columns, (CAMERA.height // factor, len(columns))).astype(np.float32)
+    sampled = resample(values, CAMERA, left.pose, rectification, right=False)
+    i, j = np.nonzero(np.isfinite(sampled))
+    world = rectification.points(j + 0.5, i + 0.5, np.full(len(j), 5.0))
+    np.testing.assert_allclose(sampled[i, j], left.project(world)[:, 0], atol=0.1)
+
+
 def matched_plane(height, slope=0.0, downscale=2):
     """A pair whose disparities are exactly those of a plane z = height + slope * x."""
     rectification, _ = rectify_pair(StereoPair(*PAIRS["east"], "inflight"), (-5, 20), downscale=downscale)

@@ -90,6 +90,7 @@ def aggregate(
     grey: np.ndarray,
     top: np.ndarray,
     scale: int,
+    table: np.ndarray,
     penalties: Penalties,
     limits: Limits,
     core: slice,
@@ -109,6 +110,8 @@ def aggregate(
         Largest disparity of each left pixel, int32 (rows, columns).
     scale
         Factor on the bits, in sixteenths; costs must stay within 0..62.
+    table
+        Cost of each pair of words instead, uint8 (256, 256), for words below 256; empty for bits.
     penalties, limits
         See there.
     core
@@ -138,6 +141,7 @@ def aggregate(
             grey,
             top,
             scale,
+            table,
             penalties.small,
             penalties.jump,
             penalties.paths,
@@ -176,6 +180,7 @@ def _sweep(
     grey: np.ndarray,
     top: np.ndarray,
     scale: int,
+    table: np.ndarray,
     small: int,
     jump: np.ndarray,
     paths: int,
@@ -198,6 +203,7 @@ def _sweep(
     depth = -(-width // LANES) * LANES
     blocks, stride = depth // LANES, depth + _PAD
     turn = -1 if upward else 1
+    tabled = table.size > 0
     flat_words, flat_fences, span = words.reshape(-1), fences.reshape(-1), words.shape[1]
     totals = np.empty(depth, np.uint16)
     least, owner = np.empty(span + LANES, np.uint16), np.empty(span + LANES, np.uint16)
@@ -219,9 +225,22 @@ def _sweep(
             cost = _PAD
             if left_known[row, column]:
                 start = row * span + right
-                census_costs(  # type: ignore[call-arg]
-                    left_words[row, column], flat_words, start, flat_fences, start, scale, work, cost, blocks
-                )
+                if tabled:
+                    own = left_words[row, column]
+                    for k in range(width):
+                        work[cost + k] = max(table[own, flat_words[start + k]], flat_fences[start + k])
+                else:
+                    census_costs(  # type: ignore[call-arg]
+                        left_words[row, column],
+                        flat_words,
+                        start,
+                        flat_fences,
+                        start,
+                        scale,
+                        work,
+                        cost,
+                        blocks,
+                    )
                 for k in range(width, depth):
                     work[cost + k] = OUTSIDE_COST
             else:

@@ -11,6 +11,7 @@ import xarray as xr
 
 from workbench.errors import MatchingError
 from workbench.matching.aggregate import AMBIGUOUS, MEASURED, NODATA, SPECK
+from workbench.matching.mutual import mutual_information_costs
 from workbench.matching.opencv import match_with_opencv
 from workbench.matching.pair import Pair, check_range, prepare_pair
 from workbench.matching.rectified import vertical_offset
@@ -23,6 +24,7 @@ _DEFAULTS = SgmParameters()
 _FLAGS = "measured nodata outside_right_image at_limit_of_guide ambiguous inconsistent small_segment"
 _HALF_UNIQUE = 0.05  # Uniqueness, curvature and correlation that count as half certain.
 _HALF_CURVED = 2.0
+_ROUNDS = 2  # Of mutual information, after which its costs hardly change.
 _LARGEST_STEP = 1.0  # Refinement may correct the winner by a pixel, not choose another one.
 
 
@@ -150,7 +152,10 @@ def _require_rectified(pair: Pair, first: int, last: int, most: float) -> None:
 
 
 def _match(pair: Pair, search: _Search, parameters: SgmParameters, threads: int) -> xr.Dataset:
-    winners = match_strips(pair, search.top, search.width, search.narrowed, parameters, threads)
+    table = None
+    if parameters.cost == "mutual_information":
+        table = _mutual_information(pair, search, parameters, threads)
+    winners = match_strips(pair, search.top, search.width, search.narrowed, parameters, threads, table)
     disparity, flag = winners.disparity, winners.flag
     trusted = flag == MEASURED
     if parameters.min_segment > 1:
@@ -182,6 +187,22 @@ def _match(pair: Pair, search: _Search, parameters: SgmParameters, threads: int)
         curvature=winners.curvature,
         correlation=correlation,
     )
+
+
+def _mutual_information(pair: Pair, search: _Search, parameters: SgmParameters, threads: int) -> np.ndarray:
+    """Cost of each pair of grey values, from disparities that begin with a census and get better."""
+    first = parameters.model_copy(update={"cost": "census9x7"})
+    left, right = (np.rint(image).astype(np.uint8) for image in (pair.left, pair.right))
+
+    def better(table: np.ndarray | None) -> np.ndarray:
+        winners = match_strips(pair, search.top, search.width, search.narrowed, first, threads, table)
+        found = np.where(winners.flag == MEASURED, winners.disparity, np.nan)
+        return mutual_information_costs(left, right, found)
+
+    table = better(None)
+    for _ in range(1, _ROUNDS):
+        table = better(table)
+    return table
 
 
 def _confidence(uniqueness: np.ndarray, curvature: np.ndarray, correlation: np.ndarray) -> np.ndarray:

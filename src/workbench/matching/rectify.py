@@ -139,7 +139,7 @@ def resample(
     Parameters
     ----------
     image
-        Grey photograph (rows, columns), possibly reduced against ``camera``.
+        Grey photograph (rows, columns), possibly reduced against ``camera`` by a whole factor.
     camera, pose
         Of the full photograph.
     rectification
@@ -161,8 +161,9 @@ def resample(
         plane[..., 1] += rectification.rows.at(plane[..., 0], plane[..., 1])
     rays = np.concatenate([plane, np.ones((*plane.shape[:2], 1))], -1) @ rectification.rotation
     positions = camera.project((rays @ pose.rotation.T).reshape(-1, 3)).reshape(len(v), len(u), 2)
-    scale = np.array([image.shape[1] / camera.width, image.shape[0] / camera.height])
-    coarse = (positions * scale - 0.5).astype(np.float32)
+    # A reduced photograph lacks the remainder of its last row and column: its pixels keep their scale.
+    reduced = max(round(camera.width / image.shape[1]), 1)
+    coarse = (positions / reduced - 0.5).astype(np.float32)
     grid_x, grid_y = np.meshgrid(
         np.arange(columns, dtype=np.float32) / step, np.arange(rows, dtype=np.float32) / step
     )

@@ -17,10 +17,17 @@ from workbench.params.match import SgmParameters
 _LEAD = 48  # Rows by which paths are led into a strip: a path forgets its start within some dozens.
 _STRIP = 96  # A strip of fewer rows would mostly work on what leads into it.
 _MEGABYTE = 1_000_000
+_NO_TABLE = np.zeros((0, 0), np.uint8)
 
 
 def match_strips(
-    pair: Pair, top: np.ndarray, width: int, narrowed: bool, parameters: SgmParameters, threads: int
+    pair: Pair,
+    top: np.ndarray,
+    width: int,
+    narrowed: bool,
+    parameters: SgmParameters,
+    threads: int,
+    table: np.ndarray | None = None,
 ) -> Winners:
     """Winners of the whole pair.
 
@@ -41,6 +48,8 @@ def match_strips(
         Costs, penalties, limits and memory.
     threads
         Strips at a time.
+    table
+        Cost of each pair of grey values, uint8 (256, 256), instead of the census.
     """
     grey = np.rint(pair.left).astype(np.uint8)
     penalties = Penalties(parameters.p1, jump_penalties(parameters), parameters.paths)
@@ -49,19 +58,26 @@ def match_strips(
     rows, columns = pair.shape
     strips = cut_strips(rows, columns, depth, parameters.memory)
     winners = Winners.empty(pair.shape)
-    window = parameters.cost
+    window = "census9x7" if table is not None else parameters.cost
+    costs = _NO_TABLE if table is None else table
+
+    def words(image: np.ndarray, led: slice) -> np.ndarray:
+        if table is not None:
+            return np.rint(image[led]).astype(np.uint64)
+        return _census_rows(image, led, window)
 
     def match(strip: slice) -> None:
         led = slice(max(strip.start - _LEAD, 0), min(strip.stop + _LEAD, rows))
         core = slice(strip.start - led.start, strip.stop - led.start)
         part = aggregate(
-            _census_rows(pair.left, led, window),
+            words(pair.left, led),
             pair.left_known[led],
-            _census_rows(pair.right, led, window),
+            words(pair.right, led),
             pair.right_known[led],
             grey[led],
             top[led],
             census_scale(window),
+            costs,
             penalties,
             limits,
             core,
