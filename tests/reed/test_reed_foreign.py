@@ -150,7 +150,7 @@ def test_files_go_in_and_files_come_out(files, tmp_path):
         reed_files(files[0], tmp_path / "out", vertical_datum="EVRF2007")
 
 
-@pytest.mark.parametrize("filler", [-9999, 0, -32767])
+@pytest.mark.parametrize("filler", [-9999, 0, -32767, 99999])
 def test_a_filler_that_no_one_declared_is_refused(files, tmp_path, filler):
     silent = altered(files[0], tmp_path, lambda h: np.where(h == -9999, filler, h), nodata=None)
     with pytest.raises(ReedError, match=f"exactly {filler}.*a_nodata {filler}"):

@@ -18,6 +18,7 @@ from workbench.rasters import VERTICAL_DATUM, Grid, new_raster
 _DEFAULTS = ReedParameters()
 _METRES = ("", "1", "m", "metre", "metres", "meter", "meters")  # "1" and "": the file does not say.
 _ABYSS = 100.0  # Ground so far below the water is none, m.
+_SKY = 10_000.0  # Nothing is so far above the water, m.
 _ROWS = 512  # Rows subtracted at once in double precision.
 
 
@@ -118,17 +119,17 @@ def _require_metres(grid: Grid, units: str) -> None:
 
 def _refuse_filler(values: np.ndarray, heights: np.ndarray, water_level: float) -> None:
     """Refuse a surface whose cells without a height hold a number that is not declared as nodata."""
-    with np.errstate(invalid="ignore"):
-        deep = values[heights < -_ABYSS]
-    if not len(deep):
+    if np.fmin.reduce(heights, axis=None) >= -_ABYSS and np.fmax.reduce(heights, axis=None) <= _SKY:
         return
-    numbers, counts = np.unique(deep, return_counts=True)
+    with np.errstate(invalid="ignore"):
+        beyond = values[(heights < -_ABYSS) | (heights > _SKY)]
+    numbers, counts = np.unique(beyond, return_counts=True)
     filler, count = numbers[np.argmax(counts)], int(counts.max())
-    if count > 1 and 2 * count > len(deep):
+    if count > 1 and 2 * count > len(beyond):
         raise ReedError(
-            f"{count} cells of the surface hold exactly {filler:g}, {water_level - filler:.0f} m below the "
-            f"water level of {water_level:g} m: if that stands for no height, declare it with "
-            f"gdal_edit.py -a_nodata {filler:g}; if the heights are right, the water level is not."
+            f"{count} cells of the surface hold exactly {filler:g}, with the water at {water_level:g} m: if that "
+            f"stands for no height, declare it with gdal_edit.py -a_nodata {filler:g}; if the heights are "
+            "right, the water level is not."
         )
 
 
