@@ -127,9 +127,9 @@ def _refuse_filler(values: np.ndarray, heights: np.ndarray, water_level: float) 
     filler, count = numbers[np.argmax(counts)], int(counts.max())
     if count > 1 and 2 * count > len(beyond):
         raise ReedError(
-            f"{count} cells of the surface hold exactly {filler:g}, with the water at {water_level:g} m: if that "
-            f"stands for no height, declare it with gdal_edit.py -a_nodata {filler:g}; if the heights are "
-            "right, the water level is not."
+            f"{count} cells of the surface hold exactly {filler:g}, with the water at {water_level:g} m: if "
+            f"that stands for no height, declare it with gdal_edit.py -a_nodata {filler:g}; if the heights "
+            "are right, the water level is not."
         )
 
 
