@@ -228,7 +228,10 @@ def study(
         str | None, typer.Option(help="One step of reproducibility, as 2/orient or compare: a stage of DVC.")
     ] = None,
     quick: Annotated[bool, typer.Option("--quick", help="The small preset of the study.")] = False,
-    workers: Annotated[int, typer.Option(help="Steps at the same time, in processes of their own.")] = 1,
+    workers: Annotated[
+        int | None,
+        typer.Option(help="Steps at the same time, in processes of their own; one per processor by default."),
+    ] = None,
     memory: Annotated[float, typer.Option(help="Memory of all workers together, GB.")] = 16.0,
     estimate: Annotated[bool, typer.Option("--estimate", help="Only say what it would cost.")] = False,
     root: RootOption = Path(),
@@ -266,17 +269,18 @@ def study(
         typer.echo(f"{repeated.folder}\n{repeated.table.to_string(index=False)}")
         return
     from workbench.studies.design import load_studies
-    from workbench.studies.runner import estimate_study, run_study
+    from workbench.studies.runner import estimate_study, run_studies
 
-    for chosen in load_studies(name, root, quick=quick):
-        if estimate:
+    studies = load_studies(name, root, quick=quick)
+    if estimate:
+        for chosen in studies:
             typer.echo(f"{chosen.name}\n{estimate_study(chosen, root, parameters).to_string(index=False)}")
-            continue
-        result = run_study(
-            chosen, root, parameters, workers=workers, memory_gb=memory, announce=console.print
-        )
+        return
+    for result in run_studies(
+        studies, root, parameters, workers=workers, memory_gb=memory, announce=console.print
+    ):
         typer.echo(f"{result.folder}: {len(result.table)} rows, {len(result.failed)} cells failed")
-    if name == "all" and not estimate:
+    if name == "all":
         _repeat_clearings(root, parameters, quick=quick, repeat=repeat)
 
 

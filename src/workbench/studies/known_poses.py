@@ -15,11 +15,14 @@ from workbench.rasters import Grid, read_raster
 from workbench.site import Site
 from workbench.site.tables import number, read_table
 from workbench.stages import FOLDERS, open_stage
+from workbench.studies.known_frames import cut_photographs
 
 _TIE_POINTS = 1500
 
 
-def orient_by_truth(site: Site, parameters: Parameters, folder: Path | None = None) -> dict:
+def orient_by_truth(
+    site: Site, parameters: Parameters, folder: Path | None = None, *, cut: bool = False
+) -> dict:
     """Write the orientation of a virtual site from ``truth/poses.csv`` and the stated lenses.
 
     Tie points are random places of the true surface, so that the stages that follow find their heights
@@ -34,42 +37,41 @@ def orient_by_truth(site: Site, parameters: Parameters, folder: Path | None = No
         ``simulate.seed`` chooses the tie points.
     folder
         Where the orientation goes; that of the site by default.
+    cut
+        Cut photographs to what they show of the scene and a little around it, and leave those out that show
+        nothing of it. A strip runs in by half a frame and more: most of what is photographed of a small
+        scene lies outside, where nothing is known and nothing is counted. The stages that follow need
+        :func:`workbench.studies.known_frames.with_cut_photographs`.
 
     Raises
     ------
     StudyError
-        If the site has no truth.
+        If the site has no truth, or fewer than two photographs show the scene.
     """
     if site.truth is None:
         raise StudyError(f"Site {site.name} has no truth/: orient it by its photographs.")
-    poses = _true_poses(site)
+    poses = true_poses(site)
     with open_stage(folder or site.products / FOLDERS["orient"], {}) as stage:
         offset = np.asarray(np.round(np.mean([pose.centre for pose in poses.values()], axis=0), -2))
         model = pycolmap.Reconstruction()
-        cameras = {name: place for place, name in enumerate(sorted(site.cameras), start=1)}
-        for name, camera_id in cameras.items():
-            lens = site.cameras[name]
+        lenses = {p.name: site.cameras[p.camera] for p in site.photographs}
+        if cut:
+            lenses = cut_photographs(site, poses, stage.folder)
+        points = _surface_points(site, parameters.simulate.seed)
+        tracks: list[list[tuple[int, int]]] = [[] for _ in points]
+        for image_id, (name, lens) in enumerate(lenses.items(), start=1):
+            pose = poses[name.rpartition(".")[0]]
             camera = pycolmap.Camera(
-                camera_id=camera_id,
+                camera_id=image_id,
                 model="FULL_OPENCV",
                 width=lens.width,
                 height=lens.height,
                 params=_opencv(lens),
             )
             model.add_camera_with_trivial_rig(camera)
-        points = _surface_points(site, parameters.simulate.seed)
-        tracks: list[list[tuple[int, int]]] = [[] for _ in points]
-        for image_id, photograph in enumerate(site.photographs, start=1):
-            pose = poses[photograph.name.rpartition(".")[0]]
-            lens = site.cameras[photograph.camera]
             places = lens.project(pose.to_camera(points))
             seen = np.flatnonzero(lens.contains(places))
-            image = pycolmap.Image(
-                name=photograph.name,
-                keypoints=places[seen],
-                camera_id=cameras[photograph.camera],
-                image_id=image_id,
-            )
+            image = pycolmap.Image(name=name, keypoints=places[seen], camera_id=image_id, image_id=image_id)
             rotation = pycolmap.Rotation3d(pose.rotation)
             model.add_image_with_trivial_frame(
                 image, pycolmap.Rigid3d(rotation, -(rotation * (pose.centre - offset)))
@@ -85,8 +87,8 @@ def orient_by_truth(site: Site, parameters: Parameters, folder: Path | None = No
         write_cameras(model, site, offset, {}, stage.path("cameras.csv"))
         stage.metrics.update(
             {
-                "registered": len(site.photographs),
-                "photos": len(site.photographs),
+                "registered": len(lenses),
+                "photos": len(lenses),
                 "orientation": "true poses",
                 "offset": offset.tolist(),
                 "warnings": [],
@@ -101,7 +103,8 @@ def _opencv(lens: Camera) -> list[float]:
     return [lens.focal_x, lens.focal_y, lens.principal_x, lens.principal_y, *distortion]
 
 
-def _true_poses(site: Site) -> dict[str, Pose]:
+def true_poses(site: Site) -> dict[str, Pose]:
+    """Poses of ``truth/poses.csv`` by the name of the photograph without its ending."""
     path = (site.truth or site.folder) / "poses.csv"
     names = ("x", "y", "z", "omega", "phi", "kappa")
     poses = {}

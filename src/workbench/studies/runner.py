@@ -36,6 +36,7 @@ from workbench.studies.design import (
     thinning,
 )
 from workbench.studies.keys import hash_of, hash_of_code
+from workbench.studies.known_frames import with_cut_photographs
 from workbench.studies.responses import GROUPS, require_groups
 from workbench.virtual import simulate_scene
 from workbench.virtual.scene import load_scene
@@ -96,6 +97,24 @@ class _Step:
     before: tuple[Path, ...]
 
 
+def run_studies(
+    studies: Iterable[Study],
+    root: Path = Path(),
+    parameters: Parameters | None = None,
+    *,
+    workers: int | None = None,
+    memory_gb: float = 16.0,
+    announce: Callable[[str], None] = print,
+) -> Iterator[StudyResult]:
+    """Run studies one after the other with the same workers; yields the result of each when it is there.
+
+    Parameters and errors are those of :func:`run_study`. ``workers`` None stands for one per processor.
+    """
+    with _hands(workers or os.cpu_count() or 1, memory_gb) as client:
+        for study in studies:
+            yield _run(study, root, parameters or Parameters(), client, announce)
+
+
 def run_study(
     study: Study,
     root: Path = Path(),
@@ -136,18 +155,28 @@ def run_study(
     StudyError
         If factors, levels or responses are unknown, or the study was changed while it ran.
     """
+    with _hands(workers, memory_gb) as client:
+        return _run(study, root, parameters or Parameters(), client, announce)
+
+
+def _run(
+    study: Study,
+    root: Path,
+    parameters: Parameters,
+    client: Client | None,
+    announce: Callable[[str], None],
+) -> StudyResult:
     require_groups(study.responses)
     cells = cells_of(study)
     root = Path(root).resolve()
     folder = root / "data" / "studies" / study.name
     folder.mkdir(parents=True, exist_ok=True)
     write_json(_design(study, cells), folder / "design.json")
-    runner = _Runner(study, parameters or Parameters(), root, announce)
-    with _hands(workers, memory_gb) as client:
-        try:
-            results = runner.run(cells, client)
-        finally:
-            runner.write_costs()
+    runner = _Runner(study, parameters, root, announce)
+    try:
+        results = runner.run(cells, client)
+    finally:
+        runner.write_costs()
     _require_unchanged(study, cells, folder)
     runner.keep_maps(cells)
     return _write_tables(study, cells, results, folder, runner.costs())
@@ -243,6 +272,7 @@ class _Runner:
         self.failed: dict[str, str] = {}
         self.spent: list[dict[str, Any]] = []
         self.code = {verb: hash_of_code(package) for verb, package in _CODE.items()}
+        self.code["truth"] = hash_of_code("studies", "known_*.py")
         self.code["responses"] = hash_of_code("studies", "*responses*.py")
         self.started = time.monotonic()
         self.done_now = 0.0
@@ -290,10 +320,11 @@ class _Runner:
             if verb not in needed:
                 continue
             before = tuple(steps[v] for v in ("simulate", *needs.get(verb, ())))
+            by_truth = verb == "orient" and self.study.orientation == "truth"
             content = {
                 "parameters": getattr(parameters, verb).model_dump(mode="json"),
                 "before": [step.key for step in before],
-                "code": self.code[verb],
+                "code": self.code["truth" if by_truth else verb],
                 "orientation": self.study.orientation,
                 "used": self._used(cell),
             }
@@ -493,8 +524,10 @@ def _run_stage(step: _Step, job: Mapping[str, Any], parameters: Parameters) -> N
         from workbench.studies.known_poses import orient_by_truth
 
         # The truth lies beside the site; only the products go to the folder of the step.
-        orient_by_truth(site, parameters, run.products / FOLDERS["orient"])
+        orient_by_truth(site, parameters, run.products / FOLDERS["orient"], cut=True)
         return
+    if job["orientation"] == "truth":
+        run = with_cut_photographs(run)
     module, function = _STAGES[step.verb]
     getattr(importlib.import_module(module), function)(run, parameters)
     shutil.rmtree(run.products / FOLDERS[step.verb] / "work", ignore_errors=True)
