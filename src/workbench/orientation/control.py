@@ -15,6 +15,7 @@ from workbench.site import ControlPoint, Observation, on_a_line
 
 _LEAST_CONTROL = 3
 _GROSS = 5.0
+_BEND = 0.01  # Of the distance from camera to point: so much may a block be bent before its adjustment.
 _LEAST_SPARE = 10  # Measurements more than the places of the points need: a fifth of the precision is known.
 _STEP = 1e-4  # Metres, of the numerical derivative.
 _UNKNOWN = (float("nan"), float("nan"), float("nan"), float("nan"))
@@ -108,7 +109,7 @@ def align_to_control(
     OrientationError
         If fewer than three points can be used, or they lie on a line.
     """
-    source, target, names, tolerance = [], [], [], []
+    source, target, names, tolerance, distance = [], [], [], [], []
     for point in control:
         found = triangulate(model, measured.get(point.name, [])) if point.role == "control" else None
         if found is not None:
@@ -116,13 +117,16 @@ def align_to_control(
             target.append(np.array([point.x, point.y, point.z]) - offset)
             names.append(point.name)
             tolerance.append(max(point.sd_xy, point.sd_z))
+            centre = _centre(model, measured[point.name])
+            distance.append(float(np.linalg.norm(found - centre)))
     if len(source) < _LEAST_CONTROL:
         raise OrientationError(
             f"{len(source)} control point(s) measured in two or more registered photographs; at least "
             f"{_LEAST_CONTROL} are needed to fix a block. Measure more, or use recorded positions."
         )
     src, tgt = np.array(source), np.array(target)
-    keep = _consistent(src, tgt, np.array(tolerance))
+    bend = _BEND * _scale(src, tgt) * float(np.median(distance))
+    keep = _consistent(src, tgt, np.maximum(_GROSS * np.array(tolerance), bend))
     # After what is far off, or one point in another zone would make the others look like a line.
     if on_a_line(tgt[keep]):
         raise OrientationError(
@@ -266,11 +270,24 @@ def _consistent(source: np.ndarray, target: np.ndarray, tolerance: np.ndarray) -
             if error < best_rest:
                 worst, best_rest = int(k), error
         everything = _misfit(source, target, keep)[keep].max()
-        limit = max(_GROSS * tolerance[keep].max(), best_rest * _GROSS)
+        limit = max(tolerance[keep].max(), best_rest * _GROSS)
         if worst < 0 or everything <= limit:
             break
         keep[worst] = False
     return keep
+
+
+def _centre(model: pycolmap.Reconstruction, observations: Sequence[tuple[str, float, float]]) -> np.ndarray:
+    """Middle of the stations that a point was measured from."""
+    images = [model.find_image_with_name(photo) for photo, _, _ in observations]
+    return np.mean([image.projection_center() for image in images if image and image.has_pose], axis=0)
+
+
+def _scale(source: np.ndarray, target: np.ndarray) -> float:
+    """Ratio of distances between points, robust against a few that are wrong."""
+    pairs = np.triu_indices(len(source), 1)
+    lengths = [np.linalg.norm(xyz[pairs[0]] - xyz[pairs[1]], axis=1) for xyz in (source, target)]
+    return float(np.median(lengths[1]) / max(float(np.median(lengths[0])), 1e-12))
 
 
 def _misfit(source: np.ndarray, target: np.ndarray, keep: np.ndarray) -> np.ndarray:

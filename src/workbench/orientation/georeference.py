@@ -30,7 +30,7 @@ from workbench.site.places import far_from_rest
 
 _LEAST_CONTROL = 3
 _LEAST_PLACED = 3
-_STANDS_OUT = 3.0  # Standard deviations.
+_STANDS_OUT = 4.0  # Standard deviations of three coordinates: beyond is one good point of a thousand.
 _GROSS = 5.0  # Times the residual of the worst of the others, once they are alone.
 _ROUNDS = 2  # Outliers hide others; more rounds eat into the good ones.
 
