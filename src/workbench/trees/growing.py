@@ -53,24 +53,27 @@ def grow(
     """
     rows, columns = steps.shape
     owner = np.full((rows, columns), -1, np.int32)
-    front = np.empty(max(len(top_rows), 16), np.int64)
+    # Rows and columns of the cells that were taken last: parting a flat place costs a division a cell.
+    front = np.empty((max(len(top_rows), 16), 2), np.int32)
     size = 0
     for t in range(len(top_rows)):
         i, j = top_rows[t], top_columns[t]
         # Two tops in one cell: the preferred one.
         if owner[i, j] < 0:
-            front[size] = i * columns + j
+            front[size, 0], front[size, 1] = i, j
             size += 1
             owner[i, j] = t
         elif ranks[t] < ranks[owner[i, j]]:
             owner[i, j] = t
     # Claims of a round are kept apart from the cells that are owned: -2 - t.
     for _ in range(rounds):
-        claimed = np.empty(max(2 * size, 16), np.int64)
+        claimed = np.empty((max(2 * size, 16), 2), np.int32)
         claims = 0
         for n in range(size):
-            i, j = front[n] // columns, front[n] % columns
+            i, j = front[n, 0], front[n, 1]
             t, bits = owner[i, j], steps[i, j]
+            top_i, top_j = top_rows[t], top_columns[t]
+            reach, least = squared_reach[t], least_height[t]
             for k in range(8):
                 if not bits & (1 << k):
                     continue
@@ -78,19 +81,19 @@ def grow(
                 holder = owner[y, x]
                 if holder >= 0 or holder == -2 - t:
                     continue
-                distance = (y - top_rows[t]) ** 2 + (x - top_columns[t]) ** 2
-                if distance > squared_reach[t] or not surface[y, x] >= least_height[t]:
+                distance = (y - top_i) ** 2 + (x - top_j) ** 2
+                if distance > reach or not surface[y, x] >= least:
                     continue
                 if max_aspect[t] >= 0 and distance > 2:
-                    turn = _turn(aspect[y, x], y - top_rows[t], x - top_columns[t])
+                    turn = _turn(aspect[y, x], y - top_i, x - top_j)
                     if turn > max_aspect[t]:
                         continue
                 if holder == -1:
                     if claims == len(claimed):
-                        more = np.empty(2 * claims, np.int64)
+                        more = np.empty((2 * claims, 2), np.int32)
                         more[:claims] = claimed
                         claimed = more
-                    claimed[claims] = y * columns + x
+                    claimed[claims, 0], claimed[claims, 1] = y, x
                     claims += 1
                     owner[y, x] = -2 - t
                 else:
@@ -101,7 +104,7 @@ def grow(
         if claims == 0:
             break
         for n in range(claims):
-            i, j = claimed[n] // columns, claimed[n] % columns
+            i, j = claimed[n, 0], claimed[n, 1]
             owner[i, j] = -2 - owner[i, j]
         front, size = claimed, claims
     return owner
