@@ -19,8 +19,8 @@ LIGHTS: dict[str, dict[str, Any]] = {"low_sun": {}, "cloudy": {"cloudiness": 1.0
 """Sites, and what their flight has instead of that of scene ``clearing``: clear and overcast."""
 _COARSE = {"gsd": 0.15, "reduction": 14, "forward_overlap": 0.8, "side_overlap": 0.65}
 """Flight of the quick preset: nine photographs of 0.1 megapixels."""
-_REPETITIONS, _QUICK_REPETITIONS = 10, 3
-"""Ten, because finding O07 compares the first five with at least ten."""
+_REPETITIONS = 10
+"""In both presets, because finding O07 compares the first five with at least ten."""
 
 
 def repeat_clearings(
@@ -33,8 +33,8 @@ def repeat_clearings(
 ) -> list[Repetitions]:
     """Simulate the clearing in both lights where it is missing, and repeat the chain of either.
 
-    Sites of the quick preset are called ``low_sun-quick`` and ``cloudy-quick``: coarser, and three
-    repetitions. Results are in ``data/studies/reproducibility/<site>``.
+    Sites of the quick preset are called ``low_sun-quick`` and ``cloudy-quick``, and coarser. Results are in
+    ``data/studies/reproducibility/<site>``.
 
     Raises
     ------
@@ -47,7 +47,7 @@ def repeat_clearings(
         # Of so few photographs nothing would be left without the outermost.
         study = parameters.study.model_copy(update={"crop": False})
         parameters = parameters.model_copy(update={"simulate": simulate, "study": study})
-    number = repetitions or (_QUICK_REPETITIONS if quick else _REPETITIONS)
+    number = repetitions or _REPETITIONS
     repeated = []
     for light, flight in LIGHTS.items():
         name = f"{light}-quick" if quick else light
