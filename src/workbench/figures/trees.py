@@ -44,7 +44,9 @@ _SLIDERS: tuple[tuple[str, str, float, float, float], ...] = (
     ("window_start", "Growing radius: at height zero (m)", -3.0, 4.0, 0.1),
     ("window_growth", "Growing radius: per metre of height", 0.0, 0.3, 0.005),
     ("min_height", "Minimum height (m)", 1.0, 20.0, 0.5),
-    ("spacing", "Spacing of tops (m)", 0.5, 10.0, 0.25),
+    ("spacing", "Constant spacing of tops (m)", 0.5, 10.0, 0.25),
+    ("spacing_growth", "Growing spacing: per metre of height", 0.0, 0.4, 0.01),
+    ("saddle_share", "Saddle that parts near trees (share of height)", 0.0, 0.2, 0.005),
     ("top_smoothing", "Smoothing before tops (m)", 0.0, 1.0, 0.05),
     ("prominence_share", "Least prominence (share of height)", 0.0, 0.2, 0.005),
     ("smoothing_size", "Filter size (cells of 0.2 m)", 1, 99, 2),
@@ -330,9 +332,11 @@ def _kind(options: TreesParameters) -> str:
 
 
 def _title(name: str) -> str:
-    return {"spacing": "Keep tops apart", "max_slope": "Limit the slope", "min_brightness": "Stop in shadow"}[
-        name
-    ]
+    return {
+        "spacing": "Constant spacing",
+        "max_slope": "Limit the slope",
+        "min_brightness": "Stop in shadow",
+    }[name]
 
 
 def _sliders(options: TreesParameters, layers: tuple[str, ...]) -> dict[str, Any]:
