@@ -1,7 +1,8 @@
 """Single trees on virtual forests: windows chosen on some seeds, judged on others, beside the thesis.
 
-``choose [SITE ...]``: search windows, smoothing and prominence by scores on true surfaces of the tuning
-seeds, and on sites flown over scenes of such a seed; ``crowns``: limits of crowns on true surfaces.
+``choose [SITE ...]``: search windows, distances, smoothing and prominence by scores above chance on true
+surfaces of the tuning seeds, and on sites flown over scenes of such a seed (a copy of the composition named
+``baruth-101`` with that seed, ``workbench simulate FILE``); ``crowns``: limits of crowns on true surfaces.
 ``truth``: tables in the form of 4.18 and 4.19 on true surfaces of the judging seeds (errors of the method
 alone), ``findings``: T17, T21, T22, T24, T25 on them. ``chain SITE``: the tables on the products of a site
 that ran through the chain (``workbench simulate SCENE``, then ``workbench run``), whose errors are those of
@@ -39,18 +40,22 @@ from workbench.trees import (
     search_window,
     smoothed,
 )
+from workbench.trees.tops import SADDLE_SHARE, growing_spacing
 from workbench.virtual import build_scene, load_scene, scene_truth
 
 SCENES = ("habichtswald", "baruth")
 TUNING, JUDGING = (101, 102), (None, 203)
 """Seeds; None is that of the shipped scene."""
 FINE = 0.1
-WINDOWS = tuple(product((-0.5, 0.0, 0.3, 0.5), (0.02, 0.033, 0.05, 0.07, 0.09, 0.11)))
+WINDOWS = ((0.0, 0.033), (0.3, 0.033), (0.0, 0.05), (0.0, 0.07), (-0.5, 0.11))
 """Radius at height zero (m) and growth with height that are tried."""
-SHARES = (0.0, 0.03, 0.05)
+SHARES = (0.03, 0.05)
 """Least prominences that are tried, as shares of the height."""
-SMOOTHINGS = (0.0, 0.15, 0.25)
+SMOOTHINGS = (0.0, 0.15, 0.3)
 """Standard deviations of the Gaussian that are tried, metres."""
+SPACINGS = ("disc", "two discs", "growing", "growing, no saddle")
+"""Least distances of two tops: the search disc, twice that, that of broadleaf discs unless a saddle parts
+them, the same without exception."""
 DISTANCE = {"conifer": 2.0, "broadleaf old": 3.0, "broadleaf middle": 3.0, "broadleaf young": 2.0}
 """Largest distance of a match, metres [thesis 4.5.1, published/tree_match_distance.csv]."""
 SHIFTS = ((7.0, 4.0), (-6.0, 5.0), (5.0, -8.0), (-8.0, -5.0))
@@ -171,32 +176,37 @@ def on_understorey(tops: gpd.GeoDataFrame, trees: gpd.GeoDataFrame) -> np.ndarra
 
 
 def choose(folder: Path, sites: list[str], root: Path) -> None:
-    """Mean F1 of every search over the conifer stands, the broadleaf stands, and all, by kind of surface.
+    """Every search beside chance, by type of stand and kind of surface.
 
     Surfaces are the true ones of the tuning seeds on two cells, and those of sites that were flown over
-    scenes of other seeds than those judged.
+    scenes of such seeds. ``skill`` is the share of what chance leaves open, 100 (F1 - chance) / (100 -
+    chance).
     """
     parts = [_trials_on_truth(name, seed, folder) for name, seed in product(SCENES, TUNING)]
     for name in sites:
         height, trees, stands = _site(name, root)
         parts.append(_trials({f"{name}": height}, trees, stands))
     table = pd.concat(parts)
+    table["skill"] = 100 * (table["f1_visible"] - table["f1_shifted"]) / (100 - table["f1_shifted"])
     table["type"] = table["stand"].str.split().str[0]
     shown = {name: table[table["type"] == name] for name in ("conifer", "broadleaf")} | {"all": table}
-    keys = ["smoothing", "share", "start", "growth"]
+    keys = ["smoothing", "share", "start", "growth", "spacing"]
     for label, part in shown.items():
-        by_type = part.groupby([*keys, "surface", "type"])["f1_visible"].mean()
-        mean = by_type.groupby([*keys, "surface"]).mean().unstack("surface")
-        mean["mean"] = mean.mean(axis=1)
-        print(f"\n{label}: F1 (%) over visible trees, tuning seeds, by surface; the best, the best of each")
-        print(mean.sort_values("mean", ascending=False).head(10).round(1).to_string())
-        print(mean.loc[mean.groupby(["smoothing", "share"])["mean"].idxmax()].round(1).to_string())
+        by_stand = part.groupby([*keys, "surface", "type", "stand"])[["f1_visible", "skill"]].mean()
+        mean = by_stand.groupby([*keys, "surface", "type"]).mean().groupby([*keys, "surface"]).mean()
+        for surface, some in mean.groupby("surface"):
+            best = some.droplevel("surface").sort_values("skill", ascending=False)
+            print(
+                f"\n{label}, {surface}: F1 and skill (%), visible trees; the best, the best of each spacing"
+            )
+            print(best.head(8).round(1).to_string())
+            print(best.loc[best.groupby("spacing")["skill"].idxmax()].round(1).to_string())
 
 
 def _trials_on_truth(name: str, seed: int, folder: Path) -> pd.DataFrame:
     """Scores of all searches on one scene, kept beside it."""
     source = true_scene(name, seed, folder)
-    kept = source / "windows.csv"
+    kept = source / "searches.csv"
     if not kept.exists():
         heights = {f"truth {cell} m": true_heights(source, cell) for cell in (0.2, 0.5)}
         _trials(heights, references(source), stands_of(name)).to_csv(kept, index=False)
@@ -209,14 +219,32 @@ def _trials(
     """Scores of all searches on surfaces of one place."""
     rows = []
     for (label, height), smoothing in product(surfaces.items(), SMOOTHINGS):
-        smallest = max(0.5, math.sqrt(2) * Grid.of(height).resolution)
-        for (start, growth), share in product(WINDOWS, SHARES):
-            window = GrowingWindow(start, growth, smallest=smallest)
-            tops = find_tops(height, window=window, smoothing=smoothing, prominence_share=share)
-            scores = judge(tops, trees, stands)
+        for (start, growth), share, spacing in product(WINDOWS, SHARES, SPACINGS):
+            tops = _searched(height, start, growth, spacing, smoothing, share)
             tried = {"smoothing": smoothing, "share": share, "start": start, "growth": growth}
-            rows.append(scores.assign(surface=label, **tried))
+            scores = judge_with_chance(tops, trees, stands)
+            rows.append(scores.assign(surface=label, spacing=spacing, **tried))
     return pd.concat(rows)
+
+
+def _searched(
+    height: xr.DataArray, start: float, growth: float, spacing: str, smoothing: float, share: float
+) -> gpd.GeoDataFrame:
+    smallest = max(0.5, math.sqrt(2) * Grid.of(height).resolution)
+    apart = {
+        "disc": None,
+        "two discs": GrowingWindow(2 * start, 2 * growth),
+        "growing": growing_spacing(),
+        "growing, no saddle": growing_spacing(),
+    }
+    return find_tops(
+        height,
+        window=GrowingWindow(start, growth, smallest=smallest),
+        spacing=apart[spacing],
+        saddle_share=SADDLE_SHARE if spacing == "growing" else None,
+        smoothing=smoothing,
+        prominence_share=share,
+    )
 
 
 def choose_crowns(folder: Path) -> None:
