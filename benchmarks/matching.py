@@ -3,7 +3,8 @@
 CPU time of the process and errors against the truth. Run all engines in one process on one machine;
 only ratios of times carry over to another one. ``--photograph`` paints a real photograph on the surfaces.
 Pandora with libsgm needs other versions of our libraries, so it runs in an environment of its own, see
-matching_pandora.py: ``--export`` writes the pairs, ``--peers`` reads what it found.
+matching_pandora.py: ``--export`` writes the pairs, ``--peers`` reads what it found. ``--public`` matches
+the motorcycle of Middlebury (2014, in scikit-image), a real pair that is not from here.
 """
 
 from __future__ import annotations
@@ -13,10 +14,12 @@ import resource
 import time
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
 import pandas as pd
+from skimage import data
 
 from workbench.matching import match_pair
 from workbench.matching.opencv import match_with_opencv
@@ -159,6 +162,63 @@ def compare(size: int, photograph: Path | None, repeats: int, seed: int, peers: 
     return pd.DataFrame(rows)
 
 
+def public() -> pd.DataFrame:
+    """A public pair with measured truth: the motorcycle of Middlebury, in every form a user may bring it."""
+    left, right, truth = data.stereo_motorcycle()
+    known = np.isfinite(truth) & (truth > 0)
+    limits = (0, int(truth[known].max()) + 8)
+    grey = [cv2.cvtColor(image, cv2.COLOR_RGB2GRAY) for image in (left, right)]
+
+    def own(first: np.ndarray, second: np.ndarray, limits: tuple[int, int] = limits, **options: Any):
+        return match_pair(first, second, limits, parameters=SgmParameters(**options)).disparity.values
+
+    def mirrored() -> np.ndarray:
+        # Both images turned by half a turn and exchanged are a pair again.
+        return own(right[::-1, ::-1], left[::-1, ::-1])[::-1, ::-1]
+
+    def peer(mode: str) -> np.ndarray:
+        return match_with_opencv(prepare_pair(*grey), *limits, SgmParameters(), mode=mode)
+
+    trials: dict[str, Callable[[], np.ndarray]] = {
+        "workbench, RGB": lambda: own(left, right),
+        "grey, 8 bit": lambda: own(*grey),
+        "grey, 0..1": lambda: own(*(image / 255 for image in grey)),
+        "range -300..300": lambda: own(left, right, (-300, 300)),
+        "16 paths": lambda: own(left, right, paths=16),
+        "census 5 x 5": lambda: own(left, right, cost="census5x5"),
+        "mutual information": lambda: own(left, right, cost="mutual_information"),
+        "fit instead of least squares": lambda: own(left, right, subpixel=False),
+        "right one 1.7 times brighter": lambda: own(left, np.clip(right * 1.7, 0, 255)),
+        "right one as the base, negative": lambda: -own(right, left, (-limits[1], 0)),
+        "turned and exchanged": mirrored,
+    }
+    trials |= {f"opencv {mode}": lambda mode=mode: peer(mode) for mode in ("hh", "hh4", "sgbm", "3way")}
+    rows = []
+    for name, match in trials.items():
+        match()
+        start = time.process_time()
+        found = match()
+        spent = time.process_time() - start
+        error = found - truth
+        if "base" in name or "exchanged" in name:
+            # The truth belongs to the left image: only how much was found can be told.
+            rows.append({"engine": name, "cpu_s": spent, "found_%": 100 * np.isfinite(found).mean()})
+            continue
+        seen = known & np.isfinite(found)
+        rows.append(
+            {
+                "engine": name,
+                "cpu_s": spent,
+                "found_%": 100 * seen.sum() / known.sum(),
+                "nmad_px": 1.4826 * np.median(np.abs(error[seen] - np.median(error[seen]))),
+                "off_1_%": 100 * (np.abs(error[seen]) > 1).mean(),
+                "off_2_%": 100 * (np.abs(error[seen]) > 2).mean(),
+                "right_of_all_%": 100 * (np.abs(error[seen]) <= 2).sum() / known.sum(),
+            }
+        )
+    return pd.DataFrame(rows)
+
+
 def memory(rows: int, columns: int, disparities: int) -> None:
     """Peak memory of a large pair."""
     texture = noise_texture((rows // 4, columns // 4 + 100), 0, (1, 4))
@@ -187,7 +247,11 @@ def main() -> None:
     parser.add_argument("--export", type=Path, help="only write the pairs into this folder")
     parser.add_argument("--peers", type=Path, help="folder with what peers found on exported pairs")
     parser.add_argument("--memory", action="store_true", help="only the peak memory of 12 Mpx x 256")
+    parser.add_argument("--public", action="store_true", help="only the public pair")
     options = parser.parse_args()
+    if options.public:
+        print(public().round(3).to_string(index=False))
+        return
     if options.memory:
         memory(3000, 4000, 256)
         return
