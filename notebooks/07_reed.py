@@ -92,6 +92,14 @@ metrics.sections.drop(columns="geometry").round(2)
 # What are the numbers worth that the authors chose? Move them, and look at the error matrices. Only the steps that
 # depend on a slider are computed again. The button writes the values to `params.yaml` and says which stages
 # `dvc repro` will run.
+#
+# Worth trying:
+#
+# 1. Raise the minimum height from 0.5 to 0.8 m. Which islets and spurs before the front vanish, and what does the matrix
+#    of the extent say?
+# 2. Lower the water level by 0.2 m, as if the gauge were read wrongly. Which result suffers most?
+# 3. Set the variance cut to 0: now height alone decides what is dense. Which plots change sides?
+# 4. Find the aRSI cut with the best status matrix. Would you trust it on another lake, given so few sections?
 
 # %%
 from workbench.figures.reed import reed_panel
