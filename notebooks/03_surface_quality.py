@@ -113,8 +113,9 @@ surface_panel(site)
 # %% [markdown]
 # ## Downscales: measured, never invented
 #
-# Cells that the finest downscale left empty are filled with *measured* heights of the next one. `provenance` (in the
-# panel above) says which cell came from where; interpolation happens only on request and is flagged as such.
+# Cells that the finest downscale left empty are filled with *measured* heights of the next one. Heights that two pairs
+# agree on, or one at a small angle saw, come first: more detail does not make up for a second witness. `provenance` (in
+# the panel above) says which cell came from where; interpolation happens only on request and is flagged as such.
 
 # %%
 metrics = read_json(site.products / "surface/metrics.json")
