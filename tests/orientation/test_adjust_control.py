@@ -235,9 +235,13 @@ def test_positions_in_another_datum_do_not_move_the_block(virtual_block, control
     assert any(re.search(expected, warning) for warning in fixed.warnings())
 
 
-def test_positions_in_the_same_datum_are_not_shifted(virtual_block):
-    block = virtual_block()
-    fixed = georeference(block.model, block.site, OFFSET, OPTIONS)
+@pytest.mark.parametrize("drift", [(0.0, 0.0, 0.0), (7.0, 0.0, 6.0)])
+def test_positions_in_the_same_datum_are_not_shifted(virtual_block, drift):
+    """Nor those of a poor receiver, off by three of its standard deviations."""
+    block = virtual_block(gnss_sd=(1.5, 3.0))
+    poor = tuple(replace(p, position=tuple(np.add(p.position, drift))) for p in block.site.photographs)
+    block.model.transform(pycolmap.Sim3d(1.0, pycolmap.Rotation3d(), np.array(drift)))
+    fixed = georeference(block.model, replace(block.site, photographs=poor), OFFSET, OPTIONS)
     assert not fixed.placing.shift.any() and not fixed.warnings()[1:]
 
 

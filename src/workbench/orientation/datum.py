@@ -14,8 +14,11 @@ from workbench.orientation.mapping import prior_of
 from workbench.params import OrientParameters
 from workbench.site import ControlPoint, Site
 
-_BEYOND = 3.0  # Standard deviations of recorded and surveyed places; less may be their error.
-_ROUGH = 0.02  # Of the flying height: so much may a block err before its adjustment.
+# A datum is a matter of tens of metres. Nearer than this, recorded positions may just be poor, and the robust
+# weights of the adjustment deal with them: standard deviations of recorded and surveyed places, and parts of
+# the flying height, by which a small block tilts (plan) and stretches (height) on its control points.
+_BEYOND_XY, _BEYOND_Z = 10.0, 5.0
+_ROUGH_XY, _ROUGH_Z = 0.05, 0.02
 _UPWARD = 0.5  # Mean vertical part of the viewing directions; no flight looks up by 30 degrees.
 
 
@@ -61,7 +64,8 @@ def shift_of_records(
     -------
     (3,) ndarray
         Recorded minus surveyed, the median; zero horizontally or vertically where it may be an error of the
-        receivers (within three standard deviations) or of the block (2 % of its height).
+        receivers (within ten standard deviations in plan, five in height) or of the block (5 and 2 % of its
+        height).
     """
     if not control:
         return np.zeros(3)
@@ -84,11 +88,11 @@ def shift_of_records(
     surveyed = np.median([(p.sd_xy**2, p.sd_xy**2, p.sd_z**2) for p in control], axis=0)
     variance = np.median(variances, axis=0) + surveyed
     ground = np.median([point.xyz[2] for point in model.points3D.values()])
-    rough = _ROUGH * abs(np.median(centres, axis=0)[2] - ground)
+    height = abs(float(np.median(centres, axis=0)[2] - ground))
     shift = np.median(differences, axis=0)
-    if np.hypot(*shift[:2]) <= max(_BEYOND * np.sqrt(variance[:2].sum()), rough):
+    if np.hypot(*shift[:2]) <= max(_BEYOND_XY * np.sqrt(variance[:2].sum()), _ROUGH_XY * height):
         shift[:2] = 0.0
-    if abs(shift[2]) <= max(_BEYOND * np.sqrt(variance[2]), rough):
+    if abs(shift[2]) <= max(_BEYOND_Z * np.sqrt(variance[2]), _ROUGH_Z * height):
         shift[2] = 0.0
     return shift
 
