@@ -176,3 +176,31 @@ def _saddle(image: np.ndarray, guess: np.ndarray) -> np.ndarray:
         step = np.linalg.solve([[2 * a, b], [b, 2 * c]], [-d, -e])
         column, row = column + step[0], row + step[1]
     return np.array([column, row])
+
+
+def test_roofs_roads_and_soil_are_not_taken_for_plants():
+    spec = SceneSpec(
+        name="street",
+        seed=4,
+        crs="EPSG:25832",
+        vertical_datum="DHHN2016",
+        origin=(600000.0, 5300000.0),
+        size=(40.0, 40.0),
+        terrain={"base": 100.0, "relief": 0.1},
+        roads=[{"points": [(-10, 8), (50, 8)], "width": 5.0}],
+        paths=[{"points": [(-10, 33), (50, 33)], "width": 3.0}],
+        buildings=[
+            {"x": 10 + 10 * i, "y": 20.0, "length": 7.0, "width": 6.0, "colour": colour}
+            for i, colour in enumerate(("red", "grey", "brown"))
+        ],
+    )
+    camera = Camera("plain", 320, 320, 800, 800, 160, 160)
+    pose = Pose.from_omega_phi_kappa((600020.0, 5300020.0, 200.0), 0, 0, 0)
+    street = render(build_scene(spec), camera, pose, time=NOON, wind=CALM)
+    red, green, blue, nir = street.radiance.values
+    ndvi, gli = (nir - red) / (nir + red), (2 * green - red - blue) / (2 * green + red + blue)
+    for code in (Cover.ROAD, Cover.PATH, Cover.BUILDING):
+        cells = street.cover.values == code
+        assert cells.sum() > 1000
+        assert -0.15 < np.median(ndvi[cells]) < 0.25, code.name
+        assert np.median(gli[cells]) < 0.03, code.name
