@@ -23,6 +23,9 @@ from workbench.trees import TreeInputs, TreeModel, find_tops, grow_crowns, read_
 FREE = 1.0
 """A tree whose crown is further than this from all others stands alone, metres."""
 
+MANY = 60
+"""With more crowns only those that stand alone carry their height."""
+
 
 def forest(folder: Path, picture: Path) -> None:
     """Tops and crowns of the canopy height model, and of the surface minus the terrain."""
@@ -61,9 +64,10 @@ def site(root: Path, name: str, picture: Path, area: tuple[float, float, float, 
     draw_orthophoto(axes, ortho.isel(x=slice(None, None, step), y=slice(None, None, step)))
     crowns.boundary.plot(ax=axes, color="yellow", linewidth=0.6)
     alone.boundary.plot(ax=axes, color="red", linewidth=1.2)
-    for row in table.itertuples():
-        centre = row.geometry.centroid
-        axes.text(centre.x, centre.y, f"{row.height_m:.1f}", color="white", fontsize=7, ha="center")
+    named = table if len(crowns) > MANY else crowns.merge(tops.drop(columns="geometry"), on="tree_id")
+    for row in named.itertuples():
+        right, top = row.geometry.bounds[2:]
+        axes.text(right, top, f"{row.height_m:.1f}", color="white", fontsize=7)
     west, south, east, north = Grid.of(model.inputs.height).bounds
     axes.set_xlim(west, east)
     axes.set_ylim(south, north)
