@@ -200,6 +200,66 @@ def reed_surface(
 
 
 @app.command()
+def plan(
+    area: Annotated[Path, typer.Argument(help="Vector file of the area: polygons, any CRS.")],
+    out: Annotated[Path, typer.Option("--out", help="Folder of the mission's files.")],
+    camera: Annotated[str, typer.Option(help="Name of a camera, as 'DJI FC6310'; a wrong one lists all.")],
+    surface: Annotated[
+        Path | None, typer.Option(help="Raster that is flown over: terrain or, better, canopy.")
+    ] = None,
+    purpose: Annotated[
+        str | None, typer.Option(help="conifer, broadleaf, reed or orthophoto: takes height and overlaps.")
+    ] = None,
+    stand_height: Annotated[
+        float, typer.Option(help="Of the canopy above ground, m (with a purpose).")
+    ] = 0.0,
+    highest: Annotated[float | None, typer.Option(help="Limit of the height above ground, m.")] = None,
+    gsd: Annotated[float | None, typer.Option(help="Ground sampling distance, m.")] = None,
+    height: Annotated[float | None, typer.Option(help="Above the surface, m, instead of the GSD.")] = None,
+    forward: Annotated[float, typer.Option(help="Overlap along the line, 0..1.")] = 0.8,
+    side: Annotated[float, typer.Option(help="Overlap of lines, 0..1.")] = 0.7,
+    angle: Annotated[float | None, typer.Option(help="Intersection angle, degrees, not --forward.")] = None,
+    direction: Annotated[float | None, typer.Option(help="Of the lines, degrees from north.")] = None,
+    constant_altitude: Annotated[bool, typer.Option(help="Do not follow the surface.")] = False,
+    home: Annotated[
+        tuple[float, float] | None, typer.Option(help="Take-off, east and north in the mission's CRS.")
+    ] = None,
+    speed: Annotated[float, typer.Option(help="Fastest over ground, m/s.")] = 10.0,
+    climb: Annotated[float, typer.Option(help="Up and down, m/s.")] = 3.0,
+    battery: Annotated[float, typer.Option(help="Minutes of one battery.")] = 20.0,
+    reserve: Annotated[float, typer.Option(help="Share of it that is left at landing.")] = 0.25,
+    release_interval: Annotated[float, typer.Option(help="Shortest time between photographs, s.")] = 2.0,
+    root: RootOption = Path(),
+) -> None:
+    """Plan a mission: lines, heights, batteries; files for QGroundControl, MAVLink and Litchi."""
+    from workbench.planning import Aircraft, plan_files, reached
+    from workbench.planning.purpose import advised_overlaps
+    from workbench.planning.reached import summary
+    from workbench.virtual.flight_cameras import flight_camera
+
+    asked: dict[str, Any] = {"gsd": gsd, "height": height, "angle": angle}
+    asked |= {"forward_overlap": forward, "side_overlap": side}
+    if purpose is not None:
+        asked, advice = advised_overlaps(
+            camera, purpose, stand_height, over_canopy=surface is not None, highest=highest, root=root
+        )
+        typer.echo(str(advice))
+    mission = plan_files(
+        area,
+        flight_camera(camera),
+        out,
+        surface=surface,
+        direction=direction,
+        follow_surface=not constant_altitude,
+        home=home,
+        aircraft=Aircraft(speed, climb, battery, reserve, release_interval),
+        **asked,
+    )
+    typer.echo(f"{out}: {mission}")
+    typer.echo(summary(reached(mission)))
+
+
+@app.command()
 def run(site: SiteOption, root: RootOption = Path(), params: ParamsOption = None) -> None:
     """Run every stage that the site has inputs for, and the report."""
     from workbench.chain import run_site

@@ -63,3 +63,7 @@ class SceneError(WorkbenchError):
 
 class StudyError(WorkbenchError):
     """A study is wrongly designed or cannot continue."""
+
+
+class PlanningError(WorkbenchError):
+    """A mission cannot be flown, or its files cannot be made."""
