@@ -354,6 +354,30 @@ def _repeat_clearings(root: Path, parameters: Parameters, *, quick: bool, repeat
 
 
 @app.command()
+def explore(
+    site: SiteOption,
+    root: RootOption = Path(),
+    params: ParamsOption = None,
+    port: Annotated[int, typer.Option(help="Port on this machine.")] = 5006,
+    browser: Annotated[bool, typer.Option(help="Open a browser.")] = True,
+) -> None:
+    """Move every threshold of a site in a browser: surface, pairs, reed, trees, sweeps."""
+    from workbench.figures.app import serve_pages, site_pages
+    from workbench.site import load_site
+
+    file = params or root / "params.yaml"
+    pages = site_pages(
+        load_site(site, root),
+        _parameters(root, params),
+        parameters_file=file if file.exists() else None,
+        root=root,
+    )
+    for page in pages:
+        typer.echo(f"http://127.0.0.1:{port}/{page}")
+    serve_pages(pages, port=port, show=browser)
+
+
+@app.command()
 def environment() -> None:
     """Versions, processor and threads of this machine, as environment.md documents them."""
     from workbench.environment import describe_environment
