@@ -104,6 +104,23 @@ def test_rectification_is_exact_on_the_plane(box_site):
     assert np.abs(colours[far] - truth[far]).max() < 3
 
 
+def test_a_reduced_photograph_keeps_its_scale_where_a_remainder_is_cut_off(box_site):
+    photo = box_site.block.photographs[0]
+    camera = photo.camera
+    factor = next(n for n in (3, 4, 5, 7) if camera.width % n > 1)
+    rows, columns = camera.height // factor, camera.width // factor
+    # A ramp of columns: the grey value is the column of the full photograph, whatever the factor.
+    ramp = np.tile((np.arange(columns) + 0.5) * factor, (rows, 1)).astype(np.float32)[..., None]
+    grid = Grid.from_bounds(UTM, (*(ORIGIN + 8), *(ORIGIN + 28)), 1.0)
+    view = view_table((photo,), grid)[0]
+    found = rectify(ramp, view, np.zeros(grid.shape, np.float32), resolution=1.0)[..., 0]
+    x, y = np.meshgrid(grid.x, grid.y)
+    places = photo.project(np.stack([x, y, 0 * x], axis=-1).reshape(-1, 3))[:, 0].reshape(x.shape)
+    inside = np.isfinite(found) & (places > factor) & (places < (columns - 1) * factor)
+    assert inside.any()
+    assert found[inside] == pytest.approx(places[inside], abs=1e-2)
+
+
 def test_seamlines_and_crop(box_site, tmp_path):
     result = make_orthophoto(box_site.block, box_site.surface, tmp_path)
     seams = result.seamlines

@@ -25,7 +25,7 @@ def rectify(
     Parameters
     ----------
     image
-        (rows, columns, bands) of any type, possibly reduced against the photograph.
+        (rows, columns, bands) of any type, possibly reduced against the photograph by a whole factor.
     view
         Row of :func:`workbench.cameras.view.view_table` (full photograph), relative to the grid's
         upper left corner.
@@ -68,7 +68,8 @@ def _rectify(
 ) -> np.ndarray:
     rows, columns = heights.shape
     image_rows, image_columns, bands = image.shape
-    scale_column, scale_row = image_columns / view[24], image_rows / view[25]
+    # A reduced photograph lacks the remainder of its last row and column: its pixels keep their scale.
+    scale = 1.0 / max(round(view[24] / image_columns), 1)
     colours = np.full((rows, columns, bands), np.float32(np.nan), np.float32)
     for i in range(rows):
         y = -(first_row + i + 0.5) * resolution
@@ -78,8 +79,8 @@ def _rectify(
             u, v = project(view, (first_column + j + 0.5) * resolution, y, heights[i, j])
             if u != u:
                 continue
-            u = min(max(u * scale_column - 0.5, 0.0), image_columns - 1.0)
-            v = min(max(v * scale_row - 0.5, 0.0), image_rows - 1.0)
+            u = min(max(u * scale - 0.5, 0.0), image_columns - 1.0)
+            v = min(max(v * scale - 0.5, 0.0), image_rows - 1.0)
             left, top = math.floor(u), math.floor(v)
             right, bottom = min(left + 1, image_columns - 1), min(top + 1, image_rows - 1)
             across, down = np.float32(u - left), np.float32(v - top)
