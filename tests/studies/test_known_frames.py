@@ -36,6 +36,10 @@ def test_everything_of_the_scene_is_in_the_window(tilt):
     assert (seen[:, 1] > rows.start).all() and (seen[:, 1] < rows.stop).all()
     assert rows.stop - rows.start < 1200
     assert rows.start % 12 == columns.start % 12 == 0
+    # A frame that shows a corner alone keeps enough to be matched with its neighbours at any downscale.
+    away = Pose.from_omega_phi_kappa((82.0, 60.0, 250.0), 0.0, 0.0, 0.0)
+    corner = window_of(LENS, away, bounds, (0.0, 30.0))
+    assert min(part.stop - part.start for part in corner) >= 240
     assert window_of(LENS, pose, (900.0, 0.0, 940.0, 30.0), (0.0, 30.0)) is None
 
 
@@ -72,6 +76,7 @@ def test_cut_photographs_are_parts_of_the_whole_ones_with_the_same_rays(site, tm
         cut_photographs(replace(site, photographs=(photograph,)), poses, tmp_path / "few")
 
 
+@pytest.mark.slow
 def test_counts_of_the_scene_are_those_of_whole_photographs(site, tmp_path):
     parameters = Parameters.model_validate({"match": {"downscales": [1]}})
     layers = []

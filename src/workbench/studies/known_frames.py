@@ -23,6 +23,9 @@ _STEPS = 64
 """Parts of a frame along either edge in which its rays are looked at."""
 _WHOLE = 12
 """Windows are multiples of this, px, so that they can be reduced by 2, 3, 4 and 6 without a remainder."""
+_LEAST = 240
+"""Least edge of a window, px: of a fifth of it (the least overlap of a pair) a third (the coarsest downscale)
+is still as wide as matching needs."""
 _FOLDER = "photographs"
 
 
@@ -96,19 +99,14 @@ def window_of(
     columns, rows = np.meshgrid(share * lens.width, share * lens.height)
     rays = pose.to_world(lens.rays(np.stack([columns.ravel(), rows.ravel()], axis=1)))
     down = np.minimum(rays[:, 2], -1e-3)
-    inside = np.zeros(len(rays), dtype=bool)
+    distance = np.full(len(rays), np.inf)
     for height in heights:
-        place = pose.centre + rays * ((height - pose.centre[2]) / down)[:, None]
-        inside |= (
-            (place[:, 0] > bounds[0] - _AROUND)
-            & (place[:, 0] < bounds[2] + _AROUND)
-            & (place[:, 1] > bounds[1] - _AROUND)
-            & (place[:, 1] < bounds[3] + _AROUND)
-        )
-    inside &= rays[:, 2] < -1e-3
-    if not inside.any():
+        x, y, _ = (pose.centre + rays * ((height - pose.centre[2]) / down)[:, None]).T
+        out = np.maximum.reduce([bounds[0] - x, x - bounds[2], bounds[1] - y, y - bounds[3]])
+        distance = np.where(rays[:, 2] < -1e-3, np.minimum(distance, out), distance)
+    if not (distance < 0).any():
         return None
-    shown = inside.reshape(_STEPS + 1, _STEPS + 1)
+    shown = (distance < _AROUND).reshape(_STEPS + 1, _STEPS + 1)
     return _whole(np.any(shown, axis=1), lens.height), _whole(np.any(shown, axis=0), lens.width)
 
 
@@ -117,7 +115,9 @@ def _whole(shown: Any, size: int) -> slice:
     places = np.flatnonzero(shown)
     first = int(max(places[0] - 1, 0) * size / _STEPS) // _WHOLE * _WHOLE
     last = min(int(np.ceil(min(places[-1] + 1, _STEPS) * size / _STEPS)), size)
-    length = -(-(last - first) // _WHOLE) * _WHOLE
+    wanted = min(max(last - first, _LEAST), size)
+    first = max(min(first, first - (wanted - (last - first)) // 2, size - wanted), 0) // _WHOLE * _WHOLE
+    length = -(-max(wanted, last - first) // _WHOLE) * _WHOLE
     if first + length > size:
         # At the edge of the frame a few pixels that are no multiple stay.
         length = size - first
