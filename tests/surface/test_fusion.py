@@ -10,7 +10,7 @@ from workbench.surface import fuse_downscales, fuse_pairs
 from workbench.surface.filling import fill_heights
 from workbench.surface.refine import refine
 from workbench.surface.specks import patches, remove_specks
-from workbench.surface.terrain import UserTerrain, ground_filter, height_above, user_terrain
+from workbench.surface.terrain import UserTerrain, filled_from_rims, ground_filter, height_above, user_terrain
 
 NAN = np.nan
 
@@ -154,6 +154,22 @@ def test_the_ground_below_a_forest_is_bridged_and_flagged(hillside):
     coarse = refine(seen.values, Grid.of(seen), Grid.of(dsm))
     assert coarse[canopy].mean() < 0.1
     assert coarse[~canopy].mean() > 0.8
+
+
+def test_holes_of_a_terrain_lie_in_the_plane_of_their_rims():
+    rows, columns = np.mgrid[:60, :80]
+    plane = (100 + 0.3 * columns - 0.2 * rows).astype(np.float32)
+    holes = np.hypot(rows - 30, columns - 35) < 18
+    holes |= (rows > 40) & (columns > 60) | (np.random.default_rng(3).uniform(size=rows.shape) < 0.2)
+    holes[:3] = True
+    found = filled_from_rims(np.where(holes, NAN, plane).astype(np.float32))
+    assert np.array_equal(found[~holes], plane[~holes])
+    inside = (rows > 5) & (rows < 55) & (columns > 5) & (columns < 75)
+    corner = (rows > 40) & (columns > 60)
+    assert found[inside & ~corner] == pytest.approx(plane[inside & ~corner], abs=1e-3)
+    # Beyond everything measured: the nearest, and never outside of what was measured.
+    assert np.isfinite(found).all()
+    assert found.min() >= plane[~holes].min() - 1e-3 and found.max() <= plane[~holes].max() + 1e-3
 
 
 def test_a_terrain_of_another_datum_or_too_small_is_refused(hillside):

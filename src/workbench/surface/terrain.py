@@ -11,7 +11,9 @@ import CSF
 import numpy as np
 import xarray as xr
 from rasterio.warp import transform
+from scipy import ndimage
 from scipy.interpolate import LinearNDInterpolator, NearestNDInterpolator
+from threadpoolctl import threadpool_limits
 
 from workbench.compiled import compiled
 from workbench.errors import SurfaceError
@@ -72,9 +74,9 @@ def ground_filter(
     ground = _cloth(xyz.astype(float), cell, rigidness, threshold)
     if ground.sum() < 3:
         ground = xyz[:, 2] <= np.percentile(xyz[:, 2], 5)
-    terrain = _interpolate(xyz[ground], grid)
     seen = np.zeros(grid.shape, np.uint8)
     seen[rows[ground], columns[ground]] = 1
+    terrain = filled_from_rims(np.where(seen == 1, lowest.values, np.float32(np.nan)))
     return (
         new_raster(terrain, grid, name="dtm", units="m", long_name="terrain height", vertical_datum=datum),
         new_raster(seen, grid, name="ground_seen", units="1", long_name="ground was measured"),
@@ -285,7 +287,8 @@ def _cloth(xyz: np.ndarray, cell: float, rigidness: int, threshold: float) -> np
     cloth.params.interations = 500
     cloth.setPointCloud(xyz)
     ground, other = CSF.VecInt(), CSF.VecInt()
-    with _silence():
+    # Its threads wait for each other busily: beside other work two take ten times as long as one.
+    with threadpool_limits(1, user_api="openmp"), _silence():
         cloth.do_filtering(ground, other, False)
     mask = np.zeros(len(xyz), bool)
     mask[np.array(ground, dtype=int)] = True
@@ -306,10 +309,23 @@ def _silence() -> Iterator[None]:
         os.close(nowhere)
 
 
-def _interpolate(points: np.ndarray, grid: Grid) -> np.ndarray:
-    x, y = np.meshgrid(grid.x - grid.west, grid.y - grid.north)
-    nearest = NearestNDInterpolator(points[:, :2], points[:, 2])(x, y)
-    if np.linalg.matrix_rank(points[:, :2] - points[0, :2]) < 2:
-        return nearest.astype(np.float32)
-    linear = LinearNDInterpolator(points[:, :2], points[:, 2])(x, y)
-    return np.where(np.isfinite(linear), linear, nearest).astype(np.float32)
+def filled_from_rims(terrain: np.ndarray) -> np.ndarray:
+    """A terrain without holes: linear between the cells around a hole, nearest where nothing is around.
+
+    Only the rims of holes are triangulated: with all cells, time and memory of large areas go there.
+    """
+    missing = np.isnan(terrain)
+    if not missing.any():
+        return terrain
+    rim = ~missing & ndimage.binary_dilation(missing, np.ones((3, 3), bool))
+    cells, heights, holes = np.argwhere(rim), terrain[rim], np.argwhere(missing)
+    nearest = NearestNDInterpolator(cells, heights)
+    offset = cells - cells[0]
+    farthest = offset[np.abs(offset).sum(axis=1).argmax()]
+    on_a_line = not (offset[:, 0] * farthest[1] - offset[:, 1] * farthest[0]).any()
+    heights_there = nearest(holes) if on_a_line else LinearNDInterpolator(cells, heights)(holes)
+    beyond = np.isnan(heights_there)
+    heights_there[beyond] = nearest(holes[beyond])
+    filled = terrain.copy()
+    filled[missing] = heights_there
+    return filled
