@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import Any
 
 import geopandas as gpd
@@ -15,12 +14,12 @@ from rasterio.features import geometry_mask
 
 from workbench.errors import TreesError
 from workbench.params import TreesParameters
-from workbench.rasters import Grid, match_grid, read_raster
+from workbench.rasters import Grid, read_raster
 from workbench.site import Site
 from workbench.stages import FOLDERS
 from workbench.trees.criteria import AtLeast, Change, Reach, Slope, StepCriterion
 from workbench.trees.crowns import crown_labels, crown_table, on_working_grid, smoothed
-from workbench.trees.indices import brightness
+from workbench.trees.layers import read_brightness, read_index
 from workbench.trees.mask import height_over_surroundings, tree_mask
 from workbench.trees.methods import CrownMethod, Dalponte, MarkerWatershed, RegionGrowing
 from workbench.trees.stands import stand_types
@@ -187,12 +186,12 @@ def read_tree_inputs(site: Site, options: TreesParameters) -> TreeInputs:
         raise TreesError(f"{surface}: no surface. Run `workbench surface --site {site.name}` first.")
     grid = Grid.of(height)
     layers = {
-        name: match_grid(read_raster(mosaic / f"{name}.tif"), grid, resampling="average")
+        name: read_index(mosaic / f"{name}.tif", grid)
         for name in ("ndvi", "gli")
         if (mosaic / f"{name}.tif").exists()
     }
     if (mosaic / "ortho.tif").exists():
-        layers["brightness"] = _brightness(mosaic / "ortho.tif", grid)
+        layers["brightness"] = read_brightness(mosaic / "ortho.tif", grid)
     stands = site.folder / STANDS
     return TreeInputs(
         height,
@@ -274,15 +273,6 @@ def crown_method(options: TreesParameters, layers: tuple[str, ...] = ()) -> Crow
     return RegionGrowing(
         tuple(steps), Reach("crown_radius", options.crown_min_share, aspect, winding=options.crown_winding)
     )
-
-
-def _brightness(path: Path, grid: Grid) -> xr.DataArray:
-    ortho = read_raster(path)
-    bands = ortho if ortho.ndim == 3 else ortho.expand_dims("band")
-    mean = ortho.isel(band=0, drop=True) if ortho.ndim == 3 else ortho
-    mean = mean.copy(data=brightness(*bands.values).astype(np.float32))
-    mean = mean.where((bands > 0).any("band")).rio.write_nodata(np.nan)
-    return match_grid(mean, grid, resampling="average")
 
 
 def _mask(inputs: TreeInputs, options: TreesParameters) -> xr.DataArray:
