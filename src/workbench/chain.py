@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+import contextlib
+import ctypes
+import gc
 import shutil
+import sys
 import time
 from collections.abc import Callable, Mapping
 from typing import Any
@@ -33,6 +37,15 @@ def run_site(
         started = time.perf_counter()
         run_stage(verb, stage, site, parameters, announce, where_possible=True)
         announce(f"{verb} done in {time.perf_counter() - started:.1f} s")
+        _return_memory()
+
+
+def _return_memory() -> None:
+    """Give what a stage has freed back to the system, so that the next one does not come on top of it."""
+    gc.collect()
+    if sys.platform == "linux":
+        with contextlib.suppress(OSError, AttributeError):  # Other C libraries keep it.
+            ctypes.CDLL(None).malloc_trim(0)
 
 
 def run_stage(
