@@ -213,7 +213,9 @@ def plan(
     stand_height: Annotated[
         float, typer.Option(help="Of the canopy above ground, m (with a purpose).")
     ] = 0.0,
-    highest: Annotated[float | None, typer.Option(help="Limit of the height above ground, m.")] = None,
+    highest: Annotated[
+        float | None, typer.Option(help="Limit of the height above ground, m (with a purpose).")
+    ] = None,
     gsd: Annotated[float | None, typer.Option(help="Ground sampling distance, m.")] = None,
     height: Annotated[float | None, typer.Option(help="Above the surface, m, instead of the GSD.")] = None,
     forward: Annotated[float, typer.Option(help="Overlap along the line, 0..1.")] = 0.8,

@@ -3,6 +3,8 @@
 Numba widens sums of small integers to 64 bits and so loses the vector units; these few operations are
 written down in LLVM's vector types instead. They read and write flat arrays at given offsets without
 bounds checks: the caller answers for offsets. A block is 32 disparities.
+
+The first argument of an intrinsic is numba's own and callers leave it out, which mypy cannot know.
 """
 
 from __future__ import annotations

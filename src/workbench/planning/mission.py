@@ -154,9 +154,8 @@ def plan_mission(
     PlanningError
         If a value is impossible, the surface does not cover the lines, or a battery is too small.
     """
-    _check(crs, forward_overlap, side_overlap, gsd, height, surface)
-    if height is None:
-        height = gsd * camera.focal_length / camera.pixel_size  # type: ignore[operator]
+    _check(crs, forward_overlap, side_overlap, surface)
+    height = _height(camera, gsd, height)
     along = camera.full_frame[1] * camera.pixel_size / camera.focal_length * height
     base = _base(along, forward_overlap, height, angle)
     spacing = (1 - side_overlap) * swath(camera, camera.full_frame[0], height)
@@ -208,8 +207,6 @@ def _check(
     crs: CRS,
     forward_overlap: float,
     side_overlap: float,
-    gsd: float | None,
-    height: float | None,
     surface: xr.DataArray | None,
 ) -> None:
     if not crs.is_projected or not math.isclose(crs.linear_units_factor[1], 1.0):
@@ -219,12 +216,19 @@ def _check(
             raise PlanningError(
                 f"A {name} overlap of {overlap} is impossible: give 0 to below 1, not per cent."
             )
-    if (gsd is None) == (height is None):
-        raise PlanningError("Give either the ground sampling distance or the height above the surface.")
-    if not (gsd or height or 0) > 0:
-        raise PlanningError(f"GSD {gsd} or height {height} must be positive, in metres.")
     if surface is not None and Grid.of(surface).crs != crs:
         raise PlanningError(f"The surface is in {Grid.of(surface).crs}, the area in {crs}: reproject one.")
+
+
+def _height(camera: FlightCamera, gsd: float | None, height: float | None) -> float:
+    """Above the surface, m, as it was asked for or from the GSD."""
+    if gsd is not None and height is None:
+        height = gsd * camera.focal_length / camera.pixel_size
+    elif gsd is not None or height is None:
+        raise PlanningError("Give either the ground sampling distance or the height above the surface.")
+    if not height > 0:
+        raise PlanningError(f"GSD {gsd} or height {height} must be positive, in metres.")
+    return height
 
 
 def _base(along: float, forward_overlap: float, height: float, angle: float | None) -> float:

@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike
 from workbench.errors import ReedError
 from workbench.params import ReedParameters
 from workbench.rasters import VERTICAL_DATUM, Grid, new_raster
+from workbench.site.places import utm_zone
 
 _DEFAULTS = ReedParameters()
 _METRES = ("", "1", "m", "metre", "metres", "meter", "meters")  # "1" and "": the file does not say.
@@ -97,7 +98,7 @@ def _require_metres(grid: Grid, units: str) -> None:
     crs = pyproj.CRS.from_wkt(grid.crs.to_wkt())
     if crs.is_geographic:
         west, south, east, north = grid.bounds
-        zone = int(np.clip((west + east) / 2 // 6 + 31, 1, 60)) + (32600 if north + south > 0 else 32700)
+        zone = utm_zone((west + east) / 2, (north + south) / 2).to_epsg()
         raise ReedError(
             f"The surface is in degrees ({crs.name}); areas and distances need metres: reproject it, "
             f"for example with gdalwarp -t_srs EPSG:{zone} -tr 0.2 0.2 (UTM, cells of 0.2 m)."

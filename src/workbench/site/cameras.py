@@ -75,7 +75,7 @@ def _camera(entry: Mapping[str, Any], identifier: str, where: str) -> Camera:
             width,
             height,
             focal_length=focal_length,
-            pixel_size=float(sensor) / 1000 / width,  # type: ignore[arg-type]
+            pixel_size=float(entry["sensor_width_mm"]) / 1000 / width,
             distortion=distortion,
         )
     except (KeyError, TypeError, ValueError, ZeroDivisionError, CameraError) as error:

@@ -9,12 +9,13 @@ from pathlib import Path
 import numpy as np
 
 from workbench.errors import SiteError
-from workbench.site.model import ControlPoint, Observation
+from workbench.site.model import ControlPoint, Observation, Role
 from workbench.site.tables import number, read_table
 
 CONTROL_HEADER = "name,x,y,z,sd_xy,sd_z,role"
 OBSERVATION_HEADER = "name,photo,column,row"
 _COLLINEAR = 0.02  # Second over largest spread of points; below, a rotation about the line is free.
+_ROLES: dict[str, Role] = {"control": "control", "check": "check", "verify": "verify"}
 _USUAL_SD = 0.02  # Survey with RTK, where the file leaves the accuracy open.
 
 
@@ -39,16 +40,17 @@ def read_control(path: Path | str) -> tuple[ControlPoint, ...]:
     points: dict[str, ControlPoint] = {}
     for line, row in read_table(path, CONTROL_HEADER.split(",")[:4]):
         name = row["name"]
-        role = (row.get("role") or "control").lower()
-        if role not in ("control", "check", "verify"):
-            raise SiteError(f"{path}, line {line}: role '{role}'; use control, check or verify.")
+        stated = (row.get("role") or "control").lower()
+        role = _ROLES.get(stated)
+        if role is None:
+            raise SiteError(f"{path}, line {line}: role '{stated}'; use control, check or verify.")
         if name in points:
             raise SiteError(f"{path}, line {line}: point '{name}' occurs twice; give each its own name.")
         x, y, z = (number(row, key, path, line) for key in ("x", "y", "z"))
         sd_xy, sd_z = (number(row, key, path, line, _USUAL_SD) for key in ("sd_xy", "sd_z"))
         if min(sd_xy, sd_z) <= 0:
             raise SiteError(f"{path}, line {line}: standard deviations must be positive.")
-        points[name] = ControlPoint(name, x, y, z, sd_xy, sd_z, role)  # type: ignore[arg-type]
+        points[name] = ControlPoint(name, x, y, z, sd_xy, sd_z, role)
     return tuple(points.values())
 
 

@@ -255,7 +255,7 @@ def _order(photographs: list[Photograph]) -> list[Photograph]:
     for camera in sorted({p.camera for p in photographs}):
         mine = [p for p in photographs if p.camera == camera and p.position and not p.set_aside]
         mine.sort(key=_by_time(mine))
-        strip, order = find_strips([p.position[:2] for p in mine])  # type: ignore[index, misc]
+        strip, order = find_strips([(p.position[0], p.position[1]) for p in mine if p.position])
         for p, number, place in zip(mine, strip, order, strict=True):
             numbered[p.name] = replace(p, strip=first + number, order=place)
         first += max(strip, default=-1) + 1

@@ -26,6 +26,7 @@ TABLE = Path("data") / "studies" / "findings.csv"
 """Verdicts below a root, as `workbench study findings` writes them."""
 
 Verdict = Literal["confirmed", "not confirmed", "not testable"]
+Relation = Literal[">", ">=", "<", "<="]
 CONFIDENCE = 0.95
 """Of the intervals over seeds."""
 
@@ -42,7 +43,7 @@ class Criterion:
     """In words."""
     values: ArrayLike
     """One per seed."""
-    relation: Literal[">", ">=", "<", "<="]
+    relation: Relation
     """How the mean must lie to the threshold."""
     threshold: float
     """Fixed before the studies ran."""

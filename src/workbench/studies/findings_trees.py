@@ -10,7 +10,7 @@ import pandas as pd
 from scipy import stats
 
 from workbench.cameras import intersection_angle
-from workbench.studies.findings import Criterion, Evidence, rule
+from workbench.studies.findings import Criterion, Evidence, Relation, rule
 
 _GSDS = (9, 15, 20)
 _THIN = {90: 1, 80: 2, 70: 3, 60: 4}
@@ -256,11 +256,12 @@ def t17(e: Evidence) -> Iterator[Criterion]:
     "Table 4.19: 13.1 points at 9 cm, -3.5 at 20 cm",
 )
 def t18(e: Evidence) -> Iterator[Criterion]:
-    for gsd, relation in ((9, ">"), (20, "<")):
+    relations: dict[int, Relation] = {9: ">", 20: "<"}
+    for gsd, relation in relations.items():
         most, least = (
             e.values("tops-overlap", "completeness_visible", gsd_cm=gsd, thin=thin) for thin in (1, 4)
         )
-        yield Criterion(f"{gsd} cm, 90 minus 60 %", most - least, relation, 5.0, _POINTS)  # type: ignore[arg-type]
+        yield Criterion(f"{gsd} cm, 90 minus 60 %", most - least, relation, 5.0, _POINTS)
 
 
 @rule(

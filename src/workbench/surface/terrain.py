@@ -320,6 +320,7 @@ def filled_from_rims(terrain: np.ndarray) -> np.ndarray:
     rim = ~missing & ndimage.binary_dilation(missing, np.ones((3, 3), bool))
     cells, heights, holes = np.argwhere(rim), terrain[rim], np.argwhere(missing)
     nearest = NearestNDInterpolator(cells, heights)
+    # Exact for whole numbers, without the decomposition of a matrix of all cells.
     offset = cells - cells[0]
     farthest = offset[np.abs(offset).sum(axis=1).argmax()]
     on_a_line = not (offset[:, 0] * farthest[1] - offset[:, 1] * farthest[0]).any()

@@ -33,20 +33,18 @@ def _averaged(path: Path, grid: Grid, values: Callable[[xr.DataArray], xr.DataAr
     if fine.crs != grid.crs:
         return match_grid(values(source.compute()), grid, resampling="average")
     result = np.full(grid.shape, np.nan, np.float32)
-    attributes = {}
     for tile in grid.tiles(_TILE):
         window = _covering(fine, grid.window(*tile.core))
         if window is None:
             continue
         part = values(source[..., window[0], window[1]].compute())
         result[tile.core] = match_grid(part, grid.window(*tile.core), resampling="average").values
-        attributes = part.attrs
     return new_raster(
         result,
         grid,
         name=path.stem,
-        units=str(attributes.get("units", "1")),
-        long_name=str(attributes.get("long_name", path.stem)),
+        units=str(source.attrs.get("units", "1")),
+        long_name=str(source.attrs.get("long_name", path.stem)),
     )
 
 

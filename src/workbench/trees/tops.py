@@ -293,14 +293,8 @@ def _maxima(
     work = cut.grid
     offsets = maxima.disc(largest / work.resolution * _WIDER)
     sigma = smoothing / work.resolution
-    margin = (
-        int(
-            max(_REACH * largest, _FAR if max(*prominence, saddle_share or 0.0) > 0 else 0.0)
-            / work.resolution
-        )
-        + 1
-    )
-    margin += reach_of_gaussian(sigma)
+    far = _FAR if max(*prominence, saddle_share or 0.0) > 0 else 0.0
+    margin = int(max(_REACH * largest, far) / work.resolution) + 1 + reach_of_gaussian(sigma)
 
     def of_tile(tile: Tile) -> tuple[np.ndarray, np.ndarray]:
         part = cut.load(tile.padded).smoothed(sigma)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import geopandas as gpd
 import numpy as np
@@ -18,6 +18,7 @@ _DEFAULTS = TreesParameters()
 _SAMPLES = 2001
 
 
+@runtime_checkable
 class Window(Protocol):
     """What a search window answers; any class with these two methods is one."""
 
@@ -176,8 +177,8 @@ def as_window(radius: float | Callable | Window | None, cell: float = 0.0) -> Wi
         return GrowingWindow(smallest=smallest, limit=max(_DEFAULTS.window_largest, smallest))
     if isinstance(radius, int | float | np.integer | np.floating):
         return ConstantWindow(float(radius))
-    if hasattr(radius, "radii") and hasattr(radius, "largest"):
-        return radius  # type: ignore[return-value]
+    if isinstance(radius, Window):
+        return radius
     if callable(radius):
         return FunctionWindow(radius)
     raise TreesError(f"{radius!r} is no search window: give metres, a function of height, or a Window.")

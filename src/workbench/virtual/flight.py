@@ -181,9 +181,8 @@ def plan_flight(
         If overlaps are impossible, both or neither of GSD and height are given, the flight is not
         above the highest object, or the frames that are kept leave gaps.
     """
-    _check(camera, forward_overlap, side_overlap, gsd, height, start)
-    if gsd is None:
-        gsd = height * camera.pixel_size / camera.focal_length  # type: ignore[operator]
+    _check(camera, forward_overlap, side_overlap, start)
+    gsd = _resolution(camera, gsd, height)
     height = gsd * camera.focal_length / camera.pixel_size
     if highest is not None and ground + height <= highest + _CLEARANCE:
         raise SceneError(
@@ -283,8 +282,6 @@ def _check(
     camera: FlightCamera,
     forward_overlap: float,
     side_overlap: float,
-    gsd: float | None,
-    height: float | None,
     start: datetime,
 ) -> None:
     for name, overlap in (("Forward", forward_overlap), ("Side", side_overlap)):
@@ -292,14 +289,21 @@ def _check(
             raise SceneError(
                 f"{name} overlap {overlap} is impossible: give a share from 0 to below 1, not per cent."
             )
-    if (gsd is None) == (height is None):
-        raise SceneError("Give either the ground sampling distance or the height above ground.")
-    if not (gsd or height or 0) > 0:
-        raise SceneError(f"GSD {gsd} or height {height} must be positive, in metres.")
     if start.tzinfo is None:
         raise SceneError(f"The time of the flight, {start}, needs a time zone: the sun depends on it.")
     if max(map(abs, camera.tilts)) >= 70:
         raise SceneError(f"Camera {camera.name} is tilted to the horizon: 70 degrees are too much.")
+
+
+def _resolution(camera: FlightCamera, gsd: float | None, height: float | None) -> float:
+    """Ground sampling distance, m, as it was asked for or from the height."""
+    if height is not None and gsd is None:
+        gsd = height * camera.pixel_size / camera.focal_length
+    elif height is not None or gsd is None:
+        raise SceneError("Give either the ground sampling distance or the height above ground.")
+    if not gsd > 0:
+        raise SceneError(f"GSD {gsd} or height {height} must be positive, in metres.")
+    return gsd
 
 
 def _runs(
